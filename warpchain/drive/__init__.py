@@ -1,4 +1,4 @@
-"""The drive as data: chain, sprockets, guides, arms, tensioners, contacts, run; read, checked, changed, written."""
+"""The drive as data: its parts, read, checked, changed, written."""
 
 from warpchain.drive.arms import Arm
 from warpchain.drive.chain import Chain, WornLink

@@ -1,11 +1,10 @@
-r"""Arms: bodies that turn about a pivot and carry guides and sprockets, such as a tensioner's sprung blade.
+"""Arms: bodies that turn about a pivot and carry guides and sprockets, such as a tensioner's sprung blade.
 
     I theta'' = -k_t (theta - theta_0) - c_t theta' + m g x (r_c - p) + moments of the chain, tensioners and stops,
 
-theta = 0 as drawn, counter-clockwise positive. A coil spring of length l from an anchor to a point of the arm adds
--(k (l - l_0) + c l') dl/dtheta, with q that point and f the anchor, both from p: dl/dtheta = q x (q - f) / l. A stop
-is a torsion spring with a damper that acts beyond its angle and only pushes back. A pivot that is led accelerates by
-a, which acts as g - a in place of g.
+theta = 0 as drawn, counter-clockwise positive. A coil spring of length l from an anchor f to a point of the arm, q and
+f from p, adds -(k (l - l_0) + c l') dl/dtheta, dl/dtheta = q x (q - f) / l. A stop is a torsion spring with a damper
+that only pushes back. Where the pivot is led with acceleration a, g - a replaces g.
 """
 
 from __future__ import annotations
@@ -46,18 +45,18 @@ Stops = Annotated[
 ]
 
 STOP_RATIO = 0.5
-"""Damping ratio of a stop whose damping is not given."""
+"""Damping ratio of an arm's stop by default [-]."""
 
 
 class ArmSpring(Part):
-    """A coil spring, or a strut, that pulls a point of an arm towards an anchor, or pushes it away.
+    """A coil spring or strut between an arm and an anchor.
 
     Attributes:
-        at: point of the arm at which it holds it, as drawn [m].
-        anchor: where its other end is held, on the ground or on the arm that carries this one, as drawn [m].
+        at: where it holds the arm, as drawn [m].
+        anchor: where its other end is held, as drawn [m].
         stiffness: k [N/m].
-        free_length: length without force, l_0 [m]; it pulls where it is longer and pushes where it is shorter.
-        damping: c of a damper beside it [N s/m].
+        free_length: length without force, l_0 [m].
+        damping: damping of a damper beside it, c [N s/m].
     """
 
     at: Pair
@@ -68,25 +67,23 @@ class ArmSpring(Part):
 
 
 class Arm(Part):
-    """A body that turns about a pivot, which is fixed or led.
+    """An arm: a body that turns about a pivot, fixed or led.
 
     Attributes:
         name: unique among all parts.
-        pivot: where it turns [m].
-        pivot_table: displacement of its pivot over time; None is a fixed pivot.
-        arm: name of the arm that carries it, of which its pivot is a point; spring, damper and stops then act between
-            the two, at what it is turned by more. None is the ground.
-        mass: its mass [kg].
-        center: its center of mass, at angle 0 [m].
-        inertia: its moment of inertia about the pivot [kg m^2].
+        pivot: pivot, p [m].
+        pivot_table: displacement of the pivot over time; None is a fixed pivot.
+        arm: arm that carries it at the pivot, and that spring, damper and stops act against; None is the ground.
+        mass: mass, m [kg].
+        center: center of mass at angle 0, r_c [m].
+        inertia: moment of inertia about the pivot, I [kg m^2].
         stiffness: stiffness of its torsion spring, k_t [N m/rad].
-        free_angle: angle at which the spring is relaxed, theta_0 [degrees].
+        free_angle: angle at which the torsion spring is relaxed, theta_0 [degrees].
         damping: damping of its bearing, c_t [N m s/rad].
-        spring: a coil spring between a point of it and the ground, or the arm that carries it; where its pivot is led,
-            the anchor moves along. None is none.
+        spring: coil spring to the ground, or to the arm that carries it; its anchor moves along with a led pivot.
         stops: lowest and highest angle [degrees]; None is none.
-        stop_stiffness: stiffness of the stops [N m/rad]; None is the drive's choice (`Drive.stop_stiffness`).
-        stop_damping: damping of the stops [N m s/rad]; None is the drive's choice (`Drive.stop_damping`).
+        stop_stiffness: stiffness of the stops [N m/rad]; None follows from the chain's.
+        stop_damping: damping of the stops [N m s/rad]; None is half the critical one.
     """
 
     name: Name
@@ -106,25 +103,25 @@ class Arm(Part):
 
     @property
     def free_angle_rad(self) -> float:
-        """theta_0 [rad]."""
+        """Angle at which the torsion spring is relaxed, theta_0 [rad]."""
         return radians(self.free_angle)
 
     @property
     def stops_rad(self) -> tuple[float, float]:
-        """Lowest and highest angle [rad]; without stops minus and plus infinity."""
+        """Lowest and highest angle of the arm [rad], infinite without stops."""
         if self.stops is None:
             return -math.inf, math.inf
         return radians(self.stops[0]), radians(self.stops[1])
 
     @property
     def spring_lever(self) -> float:
-        """The most that its coil spring's lever can be [m]: both its ends are farther from the pivot, or as far."""
+        """Upper bound of the coil spring's lever about the pivot [m]."""
         ends = (self.spring.at, self.spring.anchor) if self.spring is not None else (self.pivot,)
         return minimum(*(hypot(x - self.pivot[0], y - self.pivot[1]) for x, y in (*ends, *ends)))
 
     @property
     def center_radius(self) -> float:
-        """Distance of the center of mass from the pivot [m]."""
+        """Distance of the arm's center of mass from its pivot [m]."""
         return hypot(self.center[0] - self.pivot[0], self.center[1] - self.pivot[1])
 
     @classmethod
@@ -147,11 +144,10 @@ class Arm(Part):
 def stop_stiffness(arm: Arm, lever: float, link_stiffness: float, roller_mass: float) -> float:
     """Stiffness of an arm's stops [N m/rad]: its own, or that of one link at the lever.
 
-    At most I k/m, so that an arm of little inertia swings at its stop no faster than a roller between its links and
-    asks for no shorter steps.
+    At most I k/m, so that a stop asks for no shorter steps than a roller between its links.
 
     Args:
-        lever: farthest place at which the chain touches the arm, from the pivot [m].
+        lever: largest distance of the chain on the arm from the pivot [m].
         link_stiffness: k [N/m].
         roller_mass: m [kg].
     """
@@ -161,7 +157,7 @@ def stop_stiffness(arm: Arm, lever: float, link_stiffness: float, roller_mass: f
 
 
 def stop_damping(arm: Arm, stiffness: float) -> float:
-    """Damping of an arm's stops of a stiffness [N m/rad]: its own, or half the critical one [N m s/rad]."""
+    """Damping of an arm's stops [N m s/rad]: its own, or half the critical one."""
     if arm.stop_damping is not None:
         return arm.stop_damping
     return 2.0 * STOP_RATIO * sqrt(stiffness * arm.inertia)

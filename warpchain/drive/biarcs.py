@@ -1,13 +1,11 @@
-r"""Measured faces: a smooth line through points, and the pairs of arcs that follow it.
+"""Measured guide faces: a smooth line through points, and the pairs of arcs (biarcs) that follow it.
 
-A biarc joins two points with given tangents T_0, T_1 by two arcs of one tangent where they meet, at
-J = (P_0 + P_1 + d (T_0 - T_1)) / 2, with v = P_1 - P_0 and equal tangent lengths d,
+Two arcs with tangents T_0, T_1 at P_0, P_1 join at J = (P_0 + P_1 + d (T_0 - T_1)) / 2, with v = P_1 - P_0 and
 
     2 (1 - T_0.T_1) d^2 + 2 v.(T_0 + T_1) d - v.v = 0                                                      (a)
 
-(Bolton 1975). The line is a cubic spline over the length of the chords. Points are rounded where they were written, and
-a spline through each of them would bend from one to the next; so it takes the fewest knots that leave no point farther
-than half the tolerance (Dierckx 1993, scipy's `splprep`). The arcs stay within the other half of the spline.
+(Bolton 1975). The line is the cubic spline with the fewest knots that leaves no point farther than half the tolerance
+(Dierckx 1993, scipy's `splprep`); the arcs stay within the other half of the spline.
 """
 
 from __future__ import annotations
@@ -25,11 +23,11 @@ if TYPE_CHECKING:
 TOLERANCE = 1e-5
 """Largest distance of a fitted face from its points [m]."""
 _SAMPLES = 12
-"""Places between two points at which arcs are held against the spline."""
+"""Places between two points where arcs are compared with the spline."""
 
 
 def biarc(start: Point, heading: float, end: Point, end_heading: float) -> tuple[Piece, Piece]:
-    """The pair of arcs from start to end [m] with these headings [rad], (a)."""
+    """Pair of arcs between two points [m] with given headings [rad], (a)."""
     (ax, ay), (bx, by) = unit_vector(heading), unit_vector(end_heading)
     vx, vy = end[0] - start[0], end[1] - start[1]
     along = vx * (ax + bx) + vy * (ay + by)
@@ -42,7 +40,7 @@ def biarc(start: Point, heading: float, end: Point, end_heading: float) -> tuple
 
 
 def _arc_between(start: Point, heading: float, end: Point) -> Piece:
-    """The arc from a point with a heading [rad] to another point [m]."""
+    """Arc from a point with a heading [rad] to another point [m]."""
     u, w = Piece(start, heading, 0.0, 0.0).local_coordinates(end)
     half = math.atan2(w, u)
     chord = math.hypot(u, w)
@@ -51,11 +49,10 @@ def _arc_between(start: Point, heading: float, end: Point) -> Piece:
 
 
 def fitted_face(points: Sequence[Point], tolerance: float = TOLERANCE) -> tuple[Piece, ...]:
-    """The face along measured points [m].
+    """Guide face along measured points [m], in their order.
 
     Args:
-        points: in the order of the face; at least 2.
-        tolerance: how far from each point it runs at most [m].
+        tolerance: largest distance from a point [m].
 
     Raises:
         ProfileError: if two points that follow each other are one.
@@ -81,7 +78,7 @@ def fitted_face(points: Sequence[Point], tolerance: float = TOLERANCE) -> tuple[
 def _spline_samples(
     places: NDArray[np.float64], steps: NDArray[np.float64], tolerance: float
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """(M, 2) points of the spline [m] and (M,) its headings [rad]."""
+    """Points (M, 2) of the spline [m] and its headings (M,) [rad]."""
     import numpy as np
     from scipy.interpolate import splev, splprep
 
@@ -100,13 +97,13 @@ def _spline_samples(
 def _biarc_of_samples(
     samples: NDArray[np.float64], headings: NDArray[np.float64], a: int, b: int
 ) -> tuple[Piece, Piece]:
-    """The pair of arcs between two samples of the spline."""
+    """Pair of arcs between two samples of the spline."""
     (ax, ay), (bx, by) = samples[a].tolist(), samples[b].tolist()
     return biarc((ax, ay), float(headings[a]), (bx, by), float(headings[b]))
 
 
 def _farthest_sample(samples: NDArray[np.float64], headings: NDArray[np.float64], a: int, tolerance: float) -> int:
-    """The last sample to which one pair of arcs from sample `a` stays within the tolerance of the spline."""
+    """Last sample that one pair of arcs from sample `a` reaches within the tolerance."""
 
     def follows(b: int) -> bool:
         if abs(headings[b] - headings[a]) > 0.5 * math.pi:
@@ -125,7 +122,7 @@ def _farthest_sample(samples: NDArray[np.float64], headings: NDArray[np.float64]
 
 
 def _largest_deviation(pair: tuple[Piece, Piece], samples: NDArray[np.float64]) -> float:
-    """Largest distance of samples [m] from the two arcs [m]."""
+    """Largest distance of the spline's samples from two arcs [m]."""
     import numpy as np
 
     heights = []

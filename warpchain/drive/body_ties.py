@@ -1,6 +1,6 @@
-"""Ties between a drive's sprockets and shafts, by shafts, gears and couplings, and the ratios that these fix.
+"""Ties between a drive's sprockets and shafts, by shafts, gears and couplings, and the speed ratios that these fix.
 
-Sprockets and shafts are counted as bodies: the S sprockets, then the H shafts.
+Bodies are numbered: the S sprockets, then the H shafts.
 """
 
 from __future__ import annotations
@@ -16,10 +16,10 @@ DRIVING_KEYS = ("prescribed", "motor", "initial_speed")
 
 
 class BodyTie(NamedTuple):
-    """Two bodies that turn in a fixed ratio, q_b = ratio q_a: by a shaft, teeth, or a coupling in the mean.
+    """Two bodies that turn in a fixed ratio, q_b = ratio q_a; of couplings in the mean.
 
     Attributes:
-        path: where the drive file says so.
+        path: key path in the drive file.
         kind: "shaft", "gears" or "couplings".
     """
 
@@ -31,14 +31,14 @@ class BodyTie(NamedTuple):
 
 
 class TiedRatios:
-    """Speed ratios of bodies that are tied one by one: of each the first body tied to it, `root`, and the ratio."""
+    """Speed ratios of tied bodies, each to the first body tied to it."""
 
     def __init__(self, count: int) -> None:
         self.root = list(range(count))
         self.ratio = [Fraction(1)] * count
 
     def tie(self, a: int, b: int, ratio: Fraction) -> Fraction | None:
-        """Ties q_b = ratio q_a; returns the ratio that they have already where it is another one."""
+        """Ties q_b = ratio q_a; returns another ratio that they already have."""
         if self.root[a] == self.root[b]:
             known = self.ratio[b] / self.ratio[a]
             return known if known != ratio else None
@@ -58,12 +58,12 @@ def has_trains(drive: Any) -> bool:
 
 
 def body_names(drive: Any) -> list[Any]:
-    """Names of the bodies of a drive, sprockets then shafts."""
+    """Names of a drive's sprockets, then shafts."""
     return [node_value(part, "name") for kind in ("sprockets", "shafts") for part in node_list(drive, kind)]
 
 
 def first_coupling_ratio(coupling: Any) -> Fraction | None:
-    """The first ratio of a coupling, or mapping, that is not open; None where its ratios are not right."""
+    """First ratio of a coupling that is not open; None where its ratios are wrong."""
     ratios = node_value(coupling, "ratios")
     if ratios is None:
         return Fraction(1)
@@ -72,10 +72,9 @@ def first_coupling_ratio(coupling: Any) -> Fraction | None:
 
 
 def body_ties(drive: Any) -> list[BodyTie]:
-    """Every tie between bodies of a drive: sprockets to their shafts, gears, couplings.
+    """Every tie between bodies of a drive, freewheels last.
 
-    Takes a drive or the mapping that should become one; what is not whole there is left out, and so are couplings with
-    the ground. Freewheels are last.
+    Of a mapping that should become a drive, what is not whole is left out; so are couplings with the ground.
     """
     names, found = body_names(drive), []
     pairs = [set(map(str, node_list(part, "between"))) for part in node_list(drive, "couplings")]
@@ -107,12 +106,12 @@ def body_ties(drive: Any) -> list[BodyTie]:
 
 
 def is_freewheel(drive: Any, tie: BodyTie) -> bool:
-    """Whether a tie of a drive, or of a mapping, is a freewheel, whose bodies may turn unlike."""
+    """Whether a tie is a freewheel."""
     return tie.kind == "couplings" and node_value(node_list(drive, "couplings")[int(tie.path[1])], "freewheel") is True
 
 
 def rotation_owners(drive: Any) -> dict[str, str]:
-    """Names of the sprockets that turn as a shaft, with the shaft's name."""
+    """Name of the shaft that each sprocket on a shaft turns with, by the sprocket's name."""
     names = body_names(drive)
     return {names[tie.b]: names[tie.a] for tie in body_ties(drive) if tie.kind == "shaft"}
 
@@ -129,13 +128,13 @@ def rigid_ratios(drive: Any) -> TiedRatios:
 def ratios_with_chains(
     drive: Any, couplings: bool = True, without: BodyTie | None = None
 ) -> tuple[TiedRatios, list[tuple[BodyTie, Fraction]]]:
-    """Speed ratios of all bodies with the chains as further ones, at 1/z to sprockets; and contradicting ties.
+    """Speed ratios of all bodies, with chains as further ones at 1/z to sprockets, and the ties that contradict them.
 
-    A freewheel ties where nothing else does, and contradicts nothing.
+    A freewheel ties only what nothing else does.
 
     Args:
-        couplings: whether what couplings couple turns alike.
-        without: a tie that is left out.
+        couplings: whether couplings tie.
+        without: tie left out.
     """
     count, wrong = len(body_names(drive)), []
     chains = [node_value(chain, "name") for chain in node_list(drive, "chains")] or [None]
@@ -154,16 +153,13 @@ def ratios_with_chains(
 
 
 def part_of_body(drive: Any, b: int) -> Any:
-    """The sprocket or shaft of a drive that body b is."""
+    """Sprocket or shaft of a body's number."""
     count = len(drive.sprockets)
     return drive.sprockets[b] if b < count else drive.shafts[b - count]
 
 
 def driving_body(drive: Any) -> int:
-    """The body that drives: the first sprocket or shaft that is prescribed, else with a motor, else started.
-
-    Bodies that something ties to a chain come first.
-    """
+    """Number of the driving body: the first prescribed, else with a motor, else started, those tied to a chain first."""
     parts: Sequence[Any] = (*drive.sprockets, *drive.shafts)
     keys = ("prescribed", "motor", "initial_speed", "load")
     driving = [b for key in keys for b, part in enumerate(parts) if getattr(part, key, None) is not None]
@@ -171,12 +167,12 @@ def driving_body(drive: Any) -> int:
 
 
 def driving_sprocket(drive: Any) -> int:
-    """Index of the sprocket nearest to the body that drives."""
+    """Index of the sprocket nearest to the driving body."""
     return nearest_sprocket(drive, driving_body(drive)) or 0
 
 
 def nearest_sprocket(drive: Any, body: int) -> int | None:
-    """Index of the sprocket nearest to a body, over shafts and gears, then couplings; None where there is none."""
+    """Index of the sprocket nearest to a body, over shafts and gears, then couplings; None without one."""
     seen = [body]
     edges = sorted(body_ties(drive), key=lambda tie: tie.kind == "couplings")
     for b in seen:

@@ -1,17 +1,14 @@
 """Chains by size: pitch, roller, inner width, pin, mass, breaking load, and an estimate of a link's stiffness.
 
-Pitch, largest roller diameter, least width between inner plates and least tensile strength are those of ISO 606:2015,
-Table 1 (series B, formerly DIN 8187; series A, formerly DIN 8188, with the strengths of ASME B29.1), and of
-ISO 10190:2008 for motorcycles. The standards set no masses: those of simplex chains of ISO 606 are a maker's, others
-are estimates (a) to (d). Sources and checks: docs/catalogue.md.
+Dimensions and strengths are those of ISO 606:2015, Table 1 (series B and A, the latter with the strengths of ASME
+B29.1), and of ISO 10190:2008 for motorcycles. Masses are a maker's for simplex chains of ISO 606, others estimates:
 
     several strands:    m' = n m'_1;  series A and heavy series  F_u = n F_u1                                    (a)
     motorcycles:        m' = m'_0 + rho pi d1^2 (b1 - b1_0) / (4 p)                                              (b)
     bush chains:        d1, b1, d2 with p, and m', F_u with p^2, from 06C                                        (c)
-    084:                m' = m'_0 F_u / F_u0, index 0 for 083, which differs in the thickness of its plates      (d)
+    084:                m' = m'_0 F_u / F_u0, index 0 for 083                                                    (d)
 
-In (b) the chain of index 0 is that of ISO 606 with the same pitch and roller, between whose plates pin, bush and roller
-fill the roller's cylinder of steel.
+Index 0 of (b): the chain of ISO 606 with the same pitch and roller. Sources and checks: docs/catalogue.md.
 """
 
 from __future__ import annotations
@@ -21,31 +18,30 @@ from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 ELONGATION_AT_BREAKING_LOAD = 0.01
-"""Elongation of a link at the breaking load, were it elastic up to there [-]: what the stiffness estimate assumes."""
+"""Elongation of an elastic link at the breaking load [-], for the estimate of stiffness."""
 
 INNER_WIDTHS = 1.48
-"""Width over the inner link b_2 over that between its plates b_1, of ISO 606 within 3 %: what a bush is long."""
+"""Width of a bush over that between a link's inner plates, b_2 / b_1 [-], of ISO 606 within 3 %."""
 
 
 STEEL = 7850.0
-"""Density [kg/m^3]."""
+"""Density of steel [kg/m^3]."""
 
 
 @dataclass(frozen=True)
 class CatalogueChain:
-    """A chain of a size.
+    """Chain of a size of the catalogue.
 
     Attributes:
-        size: number in its standard, such as "16B", or "16B-2" with two strands.
-        pitch: [m].
-        roller_diameter: d1, largest [m]; of a bush chain that of the bush.
+        size: number in its standard, such as "16B-2" with two strands.
+        pitch: p [m].
+        roller_diameter: d1, largest [m]; of a bush chain the bush's.
         inner_width: b1, between the inner plates of a strand, least [m].
         pin_diameter: d2, largest [m].
         mass_per_length: approximate [kg/m].
         breaking_load: F_u, least tensile strength [N].
-        strands: how many strands it has.
-        standard: that has its dimensions; "" for none.
-        estimate: what of it is an estimate, and how it is formed; "" for nothing.
+        standard: "" for none.
+        estimate: which values are estimates, and how formed; "" for none.
     """
 
     size: str
@@ -71,9 +67,9 @@ class CatalogueChain:
 
     @property
     def estimated_stiffness(self) -> float:
-        """Estimate of the axial stiffness of one link [N/m]: breaking load / (0.01 pitch).
+        """Estimated axial stiffness of one link [N/m]: breaking load / (0.01 pitch).
 
-        It gives the order of magnitude; a measured stiffness may be a third of it, or three times as much.
+        A measured one may be a third of it, or three times as much.
         """
         return self.breaking_load / (ELONGATION_AT_BREAKING_LOAD * self.pitch)
 
@@ -107,7 +103,7 @@ size  pitch  roller  width    pin   kg/m  breaking load: simplex, duplex, triple
 40A   63.5   39.68  37.85  19.85  16.15    347
 48A   76.2   47.63  47.35  23.81  23.20    500
 """
-"""Lengths in mm, loads in kN."""
+"""Dimensions of ISO 606 [mm] and loads [kN]."""
 _BUSH_TABLE = """
 size  pitch  roller  width    pin   kg/m  breaking load
 06C   9.525    5.08   4.68   3.60  0.342    7.9
@@ -124,7 +120,7 @@ _ESTIMATED = {
     "084": "mass: that of 083 times the ratio of the breaking loads",
     "085": "mass: half a maker's duplex chain's",
 }
-"""Of the chains of that table."""
+"""Estimates in the table's rows by size."""
 _HEAVY_TABLE = """
 size   like   kg/m
 60H     12A   1.87
@@ -137,7 +133,7 @@ size   like   kg/m
 200H    40A  19.16
 240H    48A  30.40
 """
-"""Series A with thicker plates, and all else as there."""
+"""Sizes of the heavy series: series A with thicker plates."""
 _KART = CatalogueChain(
     size="219H",
     pitch=7.774e-3,
@@ -162,7 +158,7 @@ size  pitch  roller  width    pin   like  breaking load
 
 
 def _catalogue_rows(table: str) -> Iterator[tuple[list[str], CatalogueChain]]:
-    """Cells of a table's lines and their chains; the mass is 0 where the table names a like chain instead."""
+    """Cells of a table's lines and their chains; mass 0 where a like chain is named."""
     for line in table.split("\n")[2:-1]:
         cells = line.split()
         size, pitch, roller, width, pin, mass, load = cells[:7]
@@ -181,7 +177,7 @@ def _catalogue_rows(table: str) -> Iterator[tuple[list[str], CatalogueChain]]:
 
 
 def _multi_strand_chains(chain: CatalogueChain, duplex: str = "", triplex: str = "") -> Iterator[CatalogueChain]:
-    """A simplex chain with the duplex and triplex ones of its size, (a), whose breaking loads are given [kN]."""
+    """Simplex chain with the duplex and triplex ones of its size, (a); breaking loads [kN]."""
     yield chain
     for strands, load in ((2, duplex), (3, triplex)):
         yield replace(
@@ -195,14 +191,14 @@ def _multi_strand_chains(chain: CatalogueChain, duplex: str = "", triplex: str =
 
 
 def _motorcycle_chain(chain: CatalogueChain, like: CatalogueChain) -> CatalogueChain:
-    """A chain of ISO 10190, its mass scaled by (b) from a chain of another width."""
+    """Chain of ISO 10190 with its mass from a chain of another width, (b)."""
     more = STEEL * math.pi * chain.roller_diameter**2 * (chain.inner_width - like.inner_width) / (4.0 * chain.pitch)
     estimate = f"mass: of {like.size} with its own width, good to a tenth"
     return replace(chain, mass_per_length=like.mass_per_length + more, standard="ISO 10190", estimate=estimate)
 
 
 def _bush_chain(pitch: float, like: CatalogueChain) -> CatalogueChain:
-    """A bush chain of a car engine with another pitch [m] and the proportions of a known one, (c)."""
+    """Bush chain of a pitch [m] with the proportions of a known one, (c)."""
     scale = pitch / like.pitch
     return CatalogueChain(
         size=f"bush-{1e3 * pitch:g}",
@@ -241,11 +237,11 @@ def _catalogue_chains() -> Iterator[CatalogueChain]:
 
 
 CHAINS: dict[str, CatalogueChain] = {chain.size: chain for chain in _catalogue_chains()}
-"""The chains by size: ISO 606, all but 081 to 085 with duplex and triplex; ISO 10190; bush chains; 219H."""
+"""Chains of the catalogue by size."""
 
 
 def catalogue_text() -> str:
-    """The catalogue as a table for a terminal."""
+    """The catalogue of chains as a table for a terminal."""
     lines = ["size    pitch   roller  inner width    pin        mass   breaking load  stiffness estimate"]
     lines += [
         f"{chain.size:6} {1e3 * chain.pitch:7.3f} {1e3 * chain.roller_diameter:7.2f} {1e3 * chain.inner_width:9.2f} "

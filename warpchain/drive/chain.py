@@ -1,4 +1,4 @@
-"""The chain: links, their wear and stiffness, joints."""
+"""The chain of a drive: links, their wear and stiffness, joints."""
 
 from __future__ import annotations
 
@@ -39,19 +39,19 @@ LinkIndex = Annotated[int, Field(strict=True, ge=0), Value("must be an integer o
 Elongation = Annotated[float, Field(strict=True, ge=-0.05, le=0.1), Value("must be a number from -0.05 to 0.1")]
 
 MOST_LINKS = 1_000_000
-"""Largest number of links: beyond it a file is surely mistaken."""
+"""Most links of a chain."""
 
 ESTIMATE = "estimate"
-"""The stiffness that stands for the catalogue's estimate."""
+"""Word for the catalogue's estimate of stiffness."""
 
 
 def _size_text(value: Any) -> str:
-    """The sentence about a size that is not in the catalogue."""
+    """Error sentence about a size that the catalogue lacks."""
     return f"must be a size that `warpchain chains` lists; {nearest_key_text(str(value), CHAINS, 4)}"
 
 
 def _check_size(value: str) -> str:
-    """The size, if it is in the catalogue."""
+    """The size of a chain, if it is in the catalogue."""
     if value not in CHAINS:
         raise PydanticCustomError(WRONG, "{text}", {"text": _size_text(value)})
     return value
@@ -70,11 +70,11 @@ Stiffness = Annotated[
 
 
 class WornLink(Part):
-    """One link whose length is its own.
+    """One link with an elongation of its own.
 
     Attributes:
         link: index from 0; link i joins rollers i and i + 1, roller 0 the first seated one of the first sprocket.
-        elongation: wear of this link [-], relative to the pitch and in place of the chain's.
+        elongation: wear of this link over the pitch [-], in place of the chain's.
     """
 
     link: LinkIndex
@@ -82,14 +82,14 @@ class WornLink(Part):
 
 
 class Joint(Part):
-    """The joints of a chain: pins that turn in bushes and rub (`kernels.physics.friction`).
+    """Joints of a chain: pins that rub in bushes (`kernels.physics.friction`).
 
     Attributes:
         friction: coefficient of friction of pin and bush, mu_d [-].
         pin_radius: radius of the pins, r_p [m]; None is half of the size's d2.
-        factor: how the pressure is spread, kappa [-]: 1 line contact, 4/pi worn in, pi/2 new.
-        static_friction: coefficient of friction at rest, mu_s [-]; None is mu_d.
-        stribeck_speed: speed over which mu falls from mu_s to mu_d, v_s [m/s]; needed with static_friction.
+        factor: spread of the pressure, kappa [-]: 1 line contact, 4/pi worn in, pi/2 new.
+        static_friction: coefficient at rest, mu_s [-]; None is mu_d.
+        stribeck_speed: speed over which mu falls from mu_s to mu_d, v_s [m/s].
     """
 
     friction: NonNegative
@@ -100,7 +100,7 @@ class Joint(Part):
 
     @property
     def has_friction(self) -> bool:
-        """Whether any moment acts in the joints."""
+        """Whether the joints rub."""
         values = self.friction, self.static_friction
         return any(value is not None and is_true_somewhere(value > 0.0) for value in values)
 
@@ -115,12 +115,12 @@ class Joint(Part):
 
 
 class OuterLinks(Part):
-    """Values of the outer links; those left out are as in inner links.
+    """Values of the outer links that differ from the inner ones'.
 
     Attributes:
-        elongation: their wear [-], relative to the pitch.
-        stiffness: stiffness of one of them [N/m].
-        damping: damping of one of them [N s/m].
+        elongation: wear over the pitch [-].
+        stiffness: stiffness of one outer link [N/m].
+        damping: damping of one outer link [N s/m].
     """
 
     elongation: Elongation | None = None
@@ -129,23 +129,23 @@ class OuterLinks(Part):
 
 
 class Chain(Part):
-    """The chain: links between rollers that are point masses (eq. (1)-(3)), equal but for wear.
+    """A chain: links between rollers that are point masses, eq. (1)-(3).
 
     Attributes:
-        size: size of the catalogue, which fills pitch, roller_radius and mass where they are not given.
+        size: size of the catalogue, which fills pitch, roller_radius and mass where not given.
         pitch: unloaded length of a link [m].
-        links: number of links and of rollers, >= 3; even unless an offset link is meant.
+        links: number of links, and of rollers; even unless an offset link is meant.
         roller_mass: mass of one pitch of chain [kg]; this or mass_per_length.
         mass_per_length: mass of one meter of chain [kg/m].
-        stiffness: stiffness of one link [N/m]; given as "estimate", the catalogue's for the size.
-        damping: damping of one link [N s/m], >= 0; this or damping_ratio.
-        damping_ratio: damping ratio of one link, zeta [-], >= 0: the damping is 2 zeta sqrt(stiffness mass).
-        roller_radius: radius of the rollers [m], below half the pitch.
-        elongation: wear of every link [-], relative to the pitch.
+        stiffness: stiffness of one link [N/m]; "estimate" is the catalogue's for the size.
+        damping: damping of one link [N s/m]; this or damping_ratio.
+        damping_ratio: damping ratio of one link, zeta [-]: damping = 2 zeta sqrt(stiffness mass).
+        roller_radius: radius of the rollers [m].
+        elongation: wear of every link over the pitch [-].
         worn_links: links with an elongation of their own.
-        joint: what rubs in its joints; None is no friction.
-        outer: what the outer links, those of even index, have of their own; the rest are then inner links.
-        play: how far a link can be drawn out, and pushed in, before its spring acts, s [m]; None is none.
+        joint: friction of its joints; None is none.
+        outer: values of the outer links, those of even index; None is those of all.
+        play: way that a link can be drawn out, and pushed in, before its spring acts, s [m]; None is 0.
     """
 
     size: Size | None = None
@@ -171,7 +171,7 @@ class Chain(Part):
         "damping_ratio": ("damping",),
     }
     _filled: ClassVar[tuple[str, ...]] = ("pitch", "roller_radius")
-    """Keys that a size fills."""
+    """Keys of a chain that a size fills."""
     _judged: ClassVar[frozenset[str]] = frozenset({"links", "pitch", "roller_radius", "play", "worn_links"})
 
     @property
@@ -197,7 +197,7 @@ class Chain(Part):
 
     @property
     def outer_pitch(self) -> float:
-        """Unloaded length of an outer link that has no elongation of its own [m]."""
+        """Unloaded length of an outer link without an elongation of its own [m]."""
         own = None if self.outer is None else self.outer.elongation
         return self.pitch * (1.0 + (self.elongation if own is None else own))
 
@@ -208,12 +208,12 @@ class Chain(Part):
 
     @property
     def outer_damping(self) -> float:
-        """Damping of an outer link [N s/m]; a damping ratio is that of the inner ones."""
+        """Damping of an outer link [N s/m]."""
         return self.link_damping if self.outer is None or self.outer.damping is None else self.outer.damping
 
     @property
     def mean_stiffness(self) -> float:
-        """Stiffness of like links [N/m] that would make as stiff a chain: an outer and an inner one in series."""
+        """Stiffness of a link [N/m] in a chain of equal links that is as stiff."""
         if self.outer is None:
             return self.stiffness
         series: float = 2.0 / (1.0 / self.stiffness + 1.0 / self.outer_stiffness)
@@ -221,7 +221,7 @@ class Chain(Part):
 
     @property
     def varied_links(self) -> bool:
-        """Whether links differ in more than their length, or have play."""
+        """Whether links differ in more than length, or have play."""
         played = self.play is not None and is_true_somewhere(self.play > 0.0)
         if self.outer is None:
             return played
@@ -230,7 +230,7 @@ class Chain(Part):
 
     @property
     def worn_pitch(self) -> float:
-        """Mean length at which a pulled link without an elongation of its own begins to carry tension [m]."""
+        """Mean length at which a pulled link begins to carry tension [m]."""
         inner = self.pitch * (1.0 + self.elongation)
         if self.outer is None:
             return inner + self.link_play
@@ -238,13 +238,13 @@ class Chain(Part):
 
     @property
     def pulled_pair(self) -> tuple[float, float]:
-        """Lengths at which a pulled inner and a pulled outer link begin to carry tension [m]."""
+        """Lengths at which a pulled inner and outer link begin to carry tension [m]."""
         inner = self.pitch * (1.0 + self.elongation)
         return inner + self.link_play, self.outer_pitch + self.link_play
 
     @property
     def link_lengths(self) -> NDArray[np.float64]:
-        """(N,) unloaded lengths of the links [m]; of a stack (V, N), where they are not those of all."""
+        """Unloaded lengths (N,) of the links [m]; of a stack (V, N)."""
         import numpy as np
 
         inner, outer = self.pitch * (1.0 + self.elongation), self.outer_pitch
@@ -262,41 +262,41 @@ class Chain(Part):
 
     @property
     def pulled_lengths(self) -> NDArray[np.float64]:
-        """(N,) or (V, N) lengths at which pulled links begin to carry tension [m]: unloaded, and drawn out by play."""
+        """Lengths (N,) at which pulled links begin to carry tension [m]; of a stack (V, N)."""
         return self.link_lengths + with_last_axis(self.link_play)
 
     @property
     def has_friction(self) -> bool:
-        """Whether there is friction in its joints."""
+        """Whether the chain's joints rub."""
         return self.joint is not None and self.joint.has_friction
 
     @property
     def pin_radius(self) -> float | None:
-        """Radius of the pins [m]: the joint's own, or else the size's; None where neither is given."""
+        """Radius of the pins [m]: the joint's own, or else the size's; None without either."""
         if self.joint is not None and self.joint.pin_radius is not None:
             return self.joint.pin_radius
         return None if self.size is None else CHAINS[self.size].pin_radius
 
     @property
     def joint_area(self) -> float | None:
-        """Bearing area of a joint d2 b2, pin diameter times width over the inner link [m^2]; None without a size."""
+        """Bearing area of a joint, d2 b2 [m^2]; None without a size."""
         if self.size is None or self.pin_radius is None:
             return None
         return 2.0 * self.pin_radius * INNER_WIDTHS * CHAINS[self.size].inner_width * CHAINS[self.size].strands
 
     @property
     def breaking_load(self) -> float | None:
-        """Least tensile strength of a chain of its size [N]; None without a size."""
+        """Least tensile strength for the chain's size [N]; None without a size."""
         return None if self.size is None else CHAINS[self.size].breaking_load
 
     @property
     def stiffness_is_estimate(self) -> bool:
-        """True if the stiffness is the catalogue's estimate for the size."""
+        """Whether the stiffness is the catalogue's estimate."""
         return self.size is not None and self.stiffness == CHAINS[self.size].estimated_stiffness
 
     @classmethod
     def _complete_values(cls, values: Any) -> Any:
-        """The values with those that the size fills."""
+        """A chain's values with those that the size fills."""
         size = node_value(values, "size")
         if not isinstance(values, Mapping) or not isinstance(size, str):
             return values
@@ -348,12 +348,11 @@ class Chain(Part):
 
 
 class NamedChain(Chain):
-    """One of several chains of a drive: what `[chain]` has, and a name.
+    """One of several chains of a drive, with a name.
 
     Attributes:
-        name: unique among all parts; what is of the chain or of its strands in the metrics begins with it.
-        plane: plane in which it runs, by any name; chains of one plane must not cross. None is the plane of all that
-            name none.
+        name: unique among all parts; names of its strands and metrics begin with it.
+        plane: name of the plane in which it runs; chains of one plane must not cross.
     """
 
     name: Name

@@ -14,7 +14,7 @@ PARTS_NAMING_CHAINS = ("sprockets", "guides", "probes")
 
 
 def chain_rules(drive: Any) -> Iterator[Problem]:
-    """Problems of drives that have no chain, or whose parts do not name one of several."""
+    """Problems of a missing chain, and of parts that do not name one of several."""
     chains, alone = node_list(drive, "chains"), node_value(drive, "chain")
     if alone is None and not chains:
         yield Problem(("chain",), None, "missing; must be a table, or give a list of chains instead", BARE)
@@ -42,7 +42,7 @@ def chain_rules(drive: Any) -> Iterator[Problem]:
 
 
 def _arm_chain_rules(drive: Any) -> Iterator[Problem]:
-    """Problems of guides and sprockets on one arm, or on arms on it, that are of unlike chains."""
+    """Problems of parts of unlike chains on one arm, or on arms on it."""
     seen: dict[Any, Any] = {}
     on = {
         node_value(arm, "name"): node_value(arm, "arm")
@@ -62,7 +62,7 @@ def _arm_chain_rules(drive: Any) -> Iterator[Problem]:
 
 
 def shaft_group_rules(drive: Any) -> Iterator[Problem]:
-    """Problems of several chains' sprockets on one shaft, which turn as one about one center, each for its chain."""
+    """Problems of several chains' sprockets on one shaft."""
     if not node_list(drive, "chains"):
         return
     names = [node_value(shaft, "name") for shaft in node_list(drive, "shafts")]
@@ -88,7 +88,7 @@ def shaft_group_rules(drive: Any) -> Iterator[Problem]:
 
 
 def _shaft_key_rules(sprockets: Sequence[Any], members: Sequence[int], shaft: Any, name: str) -> Iterator[Problem]:
-    """Problems of a load or a motor given to a shaft whose sprockets have one, or a motion."""
+    """Problems of a shaft's load or motor beside one of its sprockets'."""
     for s in members:
         if node_value(shaft, "load") is not None and node_value(sprockets[s], "load") is not None:
             text = f'not together with shafts."{name}".load; give one of the two'
@@ -99,7 +99,7 @@ def _shaft_key_rules(sprockets: Sequence[Any], members: Sequence[int], shaft: An
 
 
 def _further_sprocket_rules(sprockets: Sequence[Any], members: Sequence[int], s: int, shaft: str) -> Iterator[Problem]:
-    """Problems of a further sprocket on a shaft: chain, center, wrap and mount."""
+    """Problems of a further sprocket on a shaft: chain, center, wrap, mount."""
     node, first = sprockets[s], sprockets[members[0]]
     before = [sprockets[m] for m in members if m < s]
     own, other = valid_part(Sprocket, node), valid_part(Sprocket, first)
@@ -125,7 +125,7 @@ def _further_sprocket_rules(sprockets: Sequence[Any], members: Sequence[int], s:
 
 
 def plane_rules(drive: Any) -> Iterator[Problem]:
-    """Problems of chains in one plane that have sprockets on one shaft."""
+    """Problems of chains in one plane with sprockets on one shaft."""
     seen: dict[tuple[str, str], Any] = {}
     chains = {
         name: c for c, chain in enumerate(node_list(drive, "chains")) if is_name(name := node_value(chain, "name"))
@@ -142,4 +142,4 @@ def plane_rules(drive: Any) -> Iterator[Problem]:
 
 
 CHAIN_RULES = (chain_rules, shaft_group_rules, plane_rules)
-"""Rules of the chains of a drive, in the order in which errors are listed."""
+"""Rules of the chains of a drive, in the order of errors."""

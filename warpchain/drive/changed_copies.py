@@ -15,22 +15,18 @@ if TYPE_CHECKING:
     from warpchain.drive.drive import Drive
 
 PartPlace = tuple[str | int, ...]
-"""Keys of parts and places in lists that lead to a value of a drive."""
+"""Keys and list indices that lead to a value of a drive."""
 
 
 class DriveChanges:
-    """Changed copies of a drive.
-
-    Args:
-        base: the drive.
-    """
+    """Makes changed copies of the drive `base`."""
 
     def __init__(self, base: Drive) -> None:
         self.base = base
         self.forms: dict[tuple[str, ...], _DriveForm | None] = {}
 
     def changed_drive(self, values: Mapping[str, Any]) -> Drive:
-        """A copy of the drive with other values by key path, as `Drive.with_values`; only the first one warns.
+        """Copy of the drive with other values by key path; only the first one warns.
 
         Raises:
             DriveError: as `Drive.with_values`.
@@ -46,7 +42,7 @@ class DriveChanges:
 
 
 def drive_with_numbers(drive: Drive, numbers: Mapping[PartPlace, float]) -> Drive:
-    """A copy of a drive with other numbers, checked where they stand; it does not warn.
+    """Copy of a drive with other numbers, checked where they stand, without warnings.
 
     Raises:
         DriveError: as `Drive.with_values`.
@@ -58,12 +54,7 @@ def drive_with_numbers(drive: Drive, numbers: Mapping[PartPlace, float]) -> Driv
 
 
 class _DriveForm:
-    """A drive with numbers set at some places, prepared for setting others there.
-
-    Args:
-        drive: with these numbers set.
-        ways: where they are.
-    """
+    """A drive prepared for setting numbers at the places `ways`."""
 
     def __init__(self, drive: Drive, ways: Sequence[PartPlace]) -> None:
         tree: dict[str | int, Any] = {}
@@ -75,7 +66,7 @@ class _DriveForm:
         self.change = _PartChange(drive.as_read, tree)
 
     def copy(self, values: Sequence[Any]) -> Drive | None:
-        """The drive with other numbers; None where something is wrong with them."""
+        """The drive with other numbers; None where they are wrong."""
         try:
             drive: Drive = self.change.copy(values)
             drive.apply_temperature()
@@ -85,11 +76,10 @@ class _DriveForm:
 
 
 class _PartChange:
-    """Copies a part with other numbers, checking single fields and the rules that these can break.
+    """Copies a part of a drive with other numbers, checking their fields and rules.
 
     Args:
-        part: the part.
-        tree: by its keys, and by those and the places of what is within, which of the values goes there.
+        tree: which of the values goes where, by keys and list indices.
     """
 
     def __init__(self, part: Part, tree: Mapping[Any, Any]) -> None:
@@ -111,7 +101,7 @@ class _PartChange:
         """The part with other numbers.
 
         Raises:
-            ValidationError: one that is not allowed by itself.
+            ValidationError: one is not allowed by itself.
             _BrokenRule: they break a rule.
         """
         changed: dict[str, Any] = {}
@@ -132,11 +122,11 @@ class _PartChange:
 
 
 class _BrokenRule(Exception):
-    """Raised where changed numbers break a rule of a part."""
+    """Raised where changed numbers break a part's rule."""
 
 
 def _value_with_numbers(own: Any, inner: Any, values: Sequence[Any]) -> Any:
-    """A number, or nested tuples of numbers, with other values where `inner` says which."""
+    """A number, or nested tuples of them, with other values where `inner` says which."""
     if not isinstance(inner, dict):
         return values[inner]
     return tuple(_value_with_numbers(part, inner[i], values) if i in inner else part for i, part in enumerate(own))
@@ -144,14 +134,14 @@ def _value_with_numbers(own: Any, inner: Any, values: Sequence[Any]) -> Any:
 
 @cache
 def _field_validator(kind: type[Part], key: str) -> TypeAdapter[Any]:
-    """The validator of a part's field by itself."""
+    """Validator of one field of a part."""
     field = kind.model_fields[key]
     plain: Any = field.annotation
     return TypeAdapter(Annotated[plain, *field.metadata] if field.metadata else plain)
 
 
 def _form_of_paths(drive: Drive, paths: Sequence[str]) -> _DriveForm | None:
-    """The form of a drive with numbers at some paths; None where other values are there, or one path leads twice."""
+    """Form of a drive for numbers at some paths; None where values are not numbers, or a path is twice."""
     ways = [tuple(_place_of_path(drive, path.split("."))) for path in paths]
     ends = [_value_at_place(drive.as_read, way) for way in ways]
     if len(set(ways)) < len(ways) or not all(type(end) in (int, float) for end in ends):
@@ -160,7 +150,7 @@ def _form_of_paths(drive: Drive, paths: Sequence[str]) -> _DriveForm | None:
 
 
 def _place_of_path(node: Any, keys: Sequence[str]) -> Iterator[str | int]:
-    """Yields the keys of a path, with places in lists for names."""
+    """Keys of a path, with list indices for names."""
     for depth, key in enumerate(keys):
         step = element_index(node, key, depth) if isinstance(node, tuple) else key
         yield step
@@ -168,7 +158,7 @@ def _place_of_path(node: Any, keys: Sequence[str]) -> Iterator[str | int]:
 
 
 def _value_at_place(node: Any, way: PartPlace) -> Any:
-    """The value of a part at keys and places in lists; None where there is none."""
+    """Value of a part at keys and list indices; None without one."""
     for step in way:
         node = node[step] if isinstance(step, int) else node.__dict__.get(step) if isinstance(node, Part) else None
     return node

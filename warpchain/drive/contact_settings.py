@@ -1,4 +1,4 @@
-"""The contact settings of a drive: force law, restitution, and a stiffness, given or from materials."""
+"""Contact settings of a drive: force law, restitution, and a stiffness, given or from materials."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from warpchain.drive.schema import (
 )
 
 MATERIALS = ("width", "reference_load", "roller", "partner")
-"""The keys from which a stiffness can be computed; all four, or `stiffness` itself."""
+"""Keys from which a contact's stiffness is computed."""
 
 
 def _check_law(value: str) -> str:
@@ -52,8 +52,8 @@ class Material(Part):
     """An elastic, isotropic material.
 
     Attributes:
-        youngs_modulus: Young's modulus [Pa], > 0.
-        poissons_ratio: Poisson's ratio [-], above -1, at most 0.5.
+        youngs_modulus: Young's modulus [Pa].
+        poissons_ratio: Poisson's ratio [-].
     """
 
     youngs_modulus: Positive
@@ -76,7 +76,7 @@ def _conflicting_keys(node: Any) -> Iterator[Problem]:
 
 
 def stiffness_given(node: Any) -> Iterator[Problem]:
-    """Problems of a contact without a stiffness and what computes one, or with both."""
+    """Problems of a contact whose stiffness is given twice or not at all."""
     absent = [key for key in MATERIALS if node_value(node, key) is None]
     if node_value(node, "stiffness") is None and len(absent) == len(MATERIALS):
         text = f"missing; must be a positive number, or give {', '.join(MATERIALS)} instead"
@@ -88,7 +88,7 @@ def stiffness_given(node: Any) -> Iterator[Problem]:
 
 
 def friction_rules(node: Any) -> Iterator[Problem]:
-    """Problems of coefficients of friction that do not fit each other."""
+    """Problems of coefficients of friction that contradict each other."""
     dynamic, resting, speed = (node_value(node, key) for key in ("friction", "static_friction", "stribeck_speed"))
     if are_numbers(resting, dynamic) and resting < dynamic:
         yield Problem(("static_friction",), resting, f"must be at least friction, {dynamic:g}")
@@ -99,7 +99,7 @@ def friction_rules(node: Any) -> Iterator[Problem]:
 
 
 def contact_rules(node: Any) -> Iterator[Problem]:
-    """Problems of a contact's values that do not fit each other."""
+    """Problems of a contact's values that contradict each other."""
     yield from stiffness_given(node)
     law, exponent = node_value(node, "law"), node_value(node, "exponent")
     if isinstance(law, str) and law in LAWS and LAWS[law].viscous and exponent not in (None, 1.0):
@@ -112,22 +112,21 @@ def contact_rules(node: Any) -> Iterator[Problem]:
 class ImpactLaw(Part):
     """A contact's force, never negative; by default K pen^n (1 + 3/4 (1 - e^2) v / v0).
 
-    Pedersen et al. 2004, eq. (15), (18), (19); for the other laws see `warpchain.drive.laws`.
+    Pedersen et al. 2004, eq. (15), (18), (19); other laws: `warpchain.drive.laws`.
 
     Attributes:
-        law: name of the law.
-        restitution: coefficient of restitution, e [-], above 0, at most 1.
-        restitution_means: "parameter", e of the law's own formula, which does not return it (see
-            `contact.rebound_ratio`); or "rebound", what a free roller is to rebound by.
-        exponent: exponent of the penetration, n [-], >= 1; 1 is the linearised cylinder contact.
-        impact_speed_floor: least approach speed v0 at the begin of a contact [m/s], > 0.
-        stiffness: generalized stiffness K [N/m^n], > 0; or width, load and materials.
-        width: length of the line contact [m], > 0.
-        reference_load: load at which K is taken from the load-penetration curve [N], > 0.
+        law: name of the contact law.
+        restitution: coefficient of restitution, e [-].
+        restitution_means: "parameter", e of the law's own formula; or "rebound", what a free roller rebounds by.
+        exponent: exponent of the penetration, n [-]; 1 is the linearised cylinder contact.
+        impact_speed_floor: least approach speed at the begin of a contact, v0 [m/s].
+        stiffness: generalized stiffness, K [N/m^n]; or width, load and materials.
+        width: length of the line contact [m].
+        reference_load: load at which K is taken from the load-penetration curve [N].
         roller, partner: materials of the chain roller and of what it touches.
-        friction: coefficient mu_d of dry friction [-], >= 0; None is none.
-        static_friction: coefficient at rest, mu_s [-], at least mu_d, which it is if not given.
-        stribeck_speed: speed v_s of friction [m/s], > 0: mu = mu_d + (mu_s - mu_d) exp(-(v / v_s)^2); with mu_s.
+        friction: coefficient of dry friction, mu_d [-]; None is none.
+        static_friction: coefficient at rest, mu_s [-]; None is mu_d.
+        stribeck_speed: speed v_s [m/s] in mu = mu_d + (mu_s - mu_d) exp(-(v / v_s)^2).
     """
 
     law: LawName = "lankarani-nikravesh"
@@ -152,10 +151,10 @@ class ImpactLaw(Part):
 
 
 class GuideContact(ImpactLaw):
-    """Contact of rollers with guide-bars, whose face is flat.
+    """Contact of rollers with guides.
 
     Attributes:
-        rolling: rollers roll on the bar: friction is at most what the bush transmits to the roller.
+        rolling: rollers roll on the guide: friction is at most what the bush transmits.
     """
 
     rolling: Switch | None = None
@@ -166,11 +165,10 @@ class SprocketContact(ImpactLaw):
 
     Attributes:
         profile: shape of the tooth gap.
-        gap: "minimum" or "maximum" gap, with profile "iso606" only.
-        seat_angle: angle of the seat arc [degrees], above 0 and below 180; None is 140 - 90/z, less for few teeth.
-        clearance: radius of the seat less radius of the roller [m], >= 0; needed with profile "circular".
-        bush_stiffness: stiffness of bush and pin, in series with the tooth [N/m], > 0; with exponent 1 only. None
-            is rigid.
+        gap: "minimum" or "maximum" gap, with profile "iso606".
+        seat_angle: angle of the seat arc [degrees]; None is 140 - 90/z, less for few teeth.
+        clearance: radius of the seat less radius of the roller [m]; needed with profile "circular".
+        bush_stiffness: stiffness of bush and pin, in series with the tooth [N/m]; with exponent 1 only. None is rigid.
     """
 
     profile: Annotated[Literal["circular", "iso606"], Value('must be "circular" or "iso606"')] = "circular"
@@ -200,7 +198,7 @@ class SprocketContact(ImpactLaw):
 
 
 class _Overrides(Part):
-    """Values of one guide-bar's contact in place of `[contact.guide]`'s; the keys are those of `GuideContact`."""
+    """Contact settings of one guide in place of those in `[contact.guide]`."""
 
     _like: ClassVar[type[Part] | None] = GuideContact
     _replaces: ClassVar[Mapping[str, tuple[str, ...]]] = _STIFFNESS_OR_MATERIALS
@@ -223,7 +221,7 @@ class Contact(Part):
 
     Attributes:
         sprocket: rollers with sprockets.
-        guide: rollers with guide-bars; needed where there are guide-bars.
+        guide: rollers with guides; needed where there are any.
     """
 
     sprocket: SprocketContact
@@ -231,9 +229,9 @@ class Contact(Part):
 
 
 def merged_contact_values(base: Any, overrides: Any) -> dict[str, Any]:
-    """The keys of a guide-bar's contact: its overrides, otherwise the common values.
+    """Contact settings of a guide by key: its own, otherwise the common ones.
 
-    A stiffness in the overrides replaces the common materials, and a material replaces the common stiffness.
+    A stiffness of its own replaces common materials, and a material of its own the common stiffness.
     """
     keys = GuideOverrides.model_fields
     own = {key: node_value(overrides, key) for key in keys if node_value(overrides, key) is not None}

@@ -1,9 +1,4 @@
-"""Text tables and DXF files that a drive file names: their numbers are taken in when it is read, so that a drive stays
-whole.
-
-`load_drive` reads the files that stand beside the drive file; what is written (saved drives, archives) has the numbers,
-in SI units.
-"""
+"""Text tables and DXF files that a drive file names, whose numbers become the drive's own."""
 
 from __future__ import annotations
 
@@ -27,18 +22,18 @@ TABLES: dict[tuple[str, ...], dict[str, type[Part]]] = {
     ("tensioners",): {"oil.supply_table": SupplyTable},
     ("valves",): {"table": LiftTable},
 }  # fmt: skip
-"""Tables that may name a file, by the lists of parts and the keys where they stand."""
+"""Kinds of tables that may name a file, by lists and keys of the drive."""
 
 
 def values_with_files(values: dict[str, Any], folder: Path, source: str) -> dict[str, Any]:
-    """A drive file's values with the contents of the files that its tables, guides and sprockets name.
+    """A drive file's values with the contents of the files that they name.
 
     Args:
-        folder: where relative file names begin.
-        source: the drive file's name in error lines.
+        folder: folder of relative file names.
+        source: drive file's name in error lines.
 
     Raises:
-        DriveError: one line for each file that cannot be read or is wrong, with the file and the row.
+        DriveError: one line for each file that is unreadable or wrong.
     """
     problems = [*_read_tables(values, folder), *_read_profiles(values, folder), *_read_teeth(values, folder)]
     if problems:
@@ -65,7 +60,7 @@ def _read_tables(values: dict[str, Any], folder: Path) -> list[str]:
 
 
 def _named_tables(values: dict[str, Any]) -> Iterator[tuple[dict[str, Any], str, type[Part], str]]:
-    """Tables that name a file: what holds them, their key there, their kind, and where they stand."""
+    """Tables that name a file: their owner, their key, kind and path in the drive."""
     for lists, kinds in TABLES.items():
         for parts in lists:
             for i, part in enumerate(node_list(values, parts)):
@@ -78,16 +73,16 @@ def _named_tables(values: dict[str, Any]) -> Iterator[tuple[dict[str, Any], str,
 
 
 def dxf_name(file: str) -> tuple[str, str | None] | None:
-    """File and layer of a word FILE.dxf or FILE.dxf#LAYER; None of other words."""
+    """File and layer of FILE.dxf or FILE.dxf#LAYER; None of other words."""
     path, mark, layer = file.partition("#")
     return (path, layer if mark else None) if path.lower().endswith(".dxf") else None
 
 
 def _drawn_unit(holder: Any, key: str, is_drawing: bool) -> str | None:
-    """The unit that a guide or sprocket says of its drawing, taken out of its values.
+    """Unit of a guide's or sprocket's drawing, taken out of its values.
 
     Raises:
-        DriveError: it is no unit of drawings, or there is no drawing.
+        DriveError: it is no unit, or there is no drawing.
     """
     from warpchain.drive.dxf_files import LENGTHS
 
@@ -129,7 +124,7 @@ def _read_profiles(values: dict[str, Any], folder: Path) -> list[str]:
 
 
 def _read_teeth(values: dict[str, Any], folder: Path) -> list[str]:
-    """Reads the drawings of sprockets into `values`, and their pitch where the file gives none; returns error lines."""
+    """Reads drawings of sprockets, and their missing pitches, into `values`; returns error lines."""
     problems: list[str] = []
     for i, sprocket in enumerate(node_list(values, "sprockets")):
         file, teeth = node_value(sprocket, "tooth"), node_value(sprocket, "teeth")
@@ -154,7 +149,7 @@ def _read_teeth(values: dict[str, Any], folder: Path) -> list[str]:
 
 
 def _path_inside(folder: Path, file: str) -> Path:
-    """The path of a file in a folder or below it.
+    """Path of a file in a folder or below it.
 
     Raises:
         DriveError: it is elsewhere, also by a link.
@@ -168,6 +163,6 @@ def _path_inside(folder: Path, file: str) -> Path:
 
 
 def _part_label(part: Any, i: int) -> str:
-    """Name or number of a part for error lines."""
+    """Name or number of a part in error lines."""
     name = node_value(part, "name")
     return name if isinstance(name, str) else str(i)

@@ -1,4 +1,4 @@
-"""Values that a drive file may leave out: those of a chain of a catalogue size on steel wheels."""
+"""Values that a drive file may leave out: those of a chain of a catalogue size on steel sprockets."""
 
 from __future__ import annotations
 
@@ -15,18 +15,18 @@ Path = tuple[str | int, ...]
 Values = Iterator[tuple[Path, Any]]
 
 CLEARANCE, BUSH_STIFFNESS = 0.004, 5.0e9
-"""Clearance in a seat over the pitch [-], stiffness of bush and pin over pitch and strands [N/m^2]."""
+"""Clearance of a seat over the pitch [-], stiffness of bush and pin over pitch and strands [N/m^2]."""
 TOOTH_WIDTH, INNER_WIDTH = 0.93, 0.62
 """Width of teeth over the chain's inner width, and that over the pitch, as in ISO 606 [-]."""
 SAFETY = 15.0
-"""Breaking load over the pull that contacts are as stiff as under, where no load says it [-]."""
+"""Breaking load over the pull by which contacts get their stiffness, without a load [-]."""
 LAW = {"restitution": 0.3, "restitution_means": "rebound", "impact_speed_floor": 0.02}
 STEEL_BODY = {"youngs_modulus": 210e9, "poissons_ratio": 0.3}
 TEETH_FRICTION = 0.06
-"""Of rollers on teeth."""
+"""Coefficient of friction of rollers on teeth [-]."""
 DAMPING_RATIO = 0.02
 SAMPLES_A_TOOTH, SAMPLE_RATE, CIRCUITS = 20.0, 2000.0, 1.5
-"""Samples a tooth of the driver, rate where its speed is not known [Hz], circuits of the chain in a run."""
+"""Samples a tooth of the driver, sampling rate without its speed [Hz], circuits of the chain in a run."""
 
 
 FREE_KEYS = {
@@ -38,11 +38,11 @@ FREE_KEYS = {
     "NamedChain": ("stiffness",),
     "Sprocket": ("name", "wrap"),
 }
-"""Keys of parts that have such defaults, by the name of the part's class, of those that it needs otherwise."""
+"""Keys of parts that have defaults of this module, by class."""
 
 
 UNKNOWN_LINKS = 100
-"""Links around sprockets whose teeth or centers are wrong, which is an error of its own."""
+"""Number of links where sprockets are wrong."""
 
 
 def rounded_to_two_figures(value: float) -> float:
@@ -57,10 +57,10 @@ def disk_mass_and_inertia(radius: float, width: float) -> tuple[float, float]:
 
 
 def default_values(values: Any) -> dict[Path, Any]:
-    """Defaults of the values that a drive leaves out and that the others determine, by key path.
+    """Defaults by key path of values that a drive leaves out and others determine.
 
     Args:
-        values: nested tables and lists of a drive file; numbers may be quantities.
+        values: of a drive file; numbers may be quantities.
     """
     if not isinstance(values, Mapping):
         return {}
@@ -87,25 +87,25 @@ def values_with_defaults(values: Any) -> Any:
 
 
 def _positive_number(value: Any, unit: str) -> float | None:
-    """A number, or a quantity in a unit; None for anything else, and for values not above 0."""
+    """A number, or a quantity in a unit; None of anything else, or not above 0."""
     found: Any = converted_number(value, unit) if isinstance(value, str) else value
     return float(found) if are_numbers(found) and found > 0.0 else None
 
 
 def _catalogue_row(chain: Any) -> CatalogueChain | None:
-    """The catalogue's row of a chain; any row for an unknown size, which is an error of its own."""
+    """The catalogue's row for a chain; any row for an unknown size."""
     size = node_value(chain, "size")
     return CHAINS.get(size, CHAINS["16B"]) if isinstance(size, str) else None
 
 
 def _pitch(chain: Any) -> float | None:
-    """Pitch of a chain [m], its own or that of its size."""
+    """Pitch of a chain [m], its own or its size's."""
     own, size = _positive_number(node_value(chain, "pitch"), "m"), _catalogue_row(chain)
     return size.pitch if own is None and size is not None and node_value(chain, "pitch") is None else own
 
 
 def _chain_values(values: Mapping[str, Any], alone: bool) -> Values:
-    """Defaults of chains with a size: stiffness and damping; of a single one links, names, senses and inertias."""
+    """Defaults of chains with a size and, of a single one, its links and sprockets."""
     several = node_list(values, "chains")
     for k, chain in enumerate(several or [node_value(values, "chain")]):
         place: Path = ("chains", k) if several else ("chain",)
@@ -152,7 +152,7 @@ def _centers(sprockets: Any) -> list[tuple[float, float]] | None:
 
 
 def wrap_senses(centers: list[tuple[float, float]]) -> list[str]:
-    """Senses of wrap of sprockets at these centers: that of their polygon, the opposite at its notches."""
+    """Senses of wrap of sprockets: that of their polygon, the opposite at its notches."""
     senses = []
     for (ax, ay), (bx, by), (cx, cy) in zip(centers[-1:] + centers, centers, centers[1:] + centers[:1], strict=False):
         turn = (bx - ax) * (cy - by) - (by - ay) * (cx - bx)
@@ -161,7 +161,7 @@ def wrap_senses(centers: list[tuple[float, float]]) -> list[str]:
 
 
 def _even_links(sprockets: Any, senses: list[Any], pitch: float) -> int | None:
-    """The even number of links that a chain around sprockets needs (DIN 8196); None where none can be laid."""
+    """Even number of links for a chain around sprockets (DIN 8196); None where none fits."""
     at, count, teeth = _centers(sprockets), len(senses), [node_value(sprocket, "teeth") for sprocket in sprockets]
     if at is None or count < 2 or not are_numbers(*teeth) or any(z < 3 for z in teeth):
         return None
@@ -181,7 +181,7 @@ def _even_links(sprockets: Any, senses: list[Any], pitch: float) -> int | None:
 
 
 def _contact_values(values: Mapping[str, Any], chain: Any) -> Values:
-    """Defaults of `[contact.sprocket]`; where it is missing also friction, bushes and pins."""
+    """Defaults of `[contact.sprocket]`, without it also friction, bushes and pins."""
     contact, pitch, size = node_value(values, "contact"), _pitch(chain), _catalogue_row(chain)
     given = node_value(contact, "sprocket")
     if pitch is None or not isinstance(contact, Mapping | None) or not isinstance(given, Mapping | None):
@@ -208,7 +208,7 @@ def _contact_values(values: Mapping[str, Any], chain: Any) -> Values:
 
 
 def _estimated_pull(values: Mapping[str, Any], size: CatalogueChain | None, pitch: float) -> float:
-    """Estimate of the chain's pull [N]: of the largest torque of a load, otherwise a part of the breaking load."""
+    """Estimated pull of the chain [N]: of the largest load, else a part of the breaking load."""
     pulls = []
     for sprocket in node_list(values, "sprockets"):
         torque, teeth = (
@@ -222,7 +222,7 @@ def _estimated_pull(values: Mapping[str, Any], size: CatalogueChain | None, pitc
 
 
 def _run_values(values: Mapping[str, Any], chain: Any, found: Mapping[Path, Any]) -> Values:
-    """Defaults of `[run]`: the automatic step, samples by the teeth that pass, and a duration of a few circuits."""
+    """Defaults of `[run]`: step, sampling rate and duration."""
     run = node_value(values, "run")
     if not isinstance(run, Mapping | None):
         return

@@ -80,7 +80,7 @@ RULES = (
     train_rules,
     valve_rules,
 )
-"""Rules that tie the parts of a drive together, in the order in which errors are listed."""
+"""Rules between the parts of a drive, in the order of errors."""
 
 FACES = ("start", "end", "points", "radius", "arcs", "profile", "end_radius")
 PITCHES = ("chain.pitch", "chains.pitch")
@@ -96,35 +96,35 @@ NUMBER_RULES = {
     tensioner_rules: {*PITCHES, "sprockets", "guides", "arms", "tensioners"},
     train_rules: {"chains", "sprockets", "shafts", "gears", "couplings"},
 }
-"""Rules that compare numbers, each with the keys of the drive's parts, lists too, whose numbers it compares."""
+"""Rules that compare numbers, with the keys of these numbers."""
 
 
 class _NoSingleChain(DriveError, AttributeError):
-    """Raised where a drive of several chains is taken for one of a single chain."""
+    """Raised where `chain` of a drive with several chains is read."""
 
 
 class Drive(Part):
-    """A whole drive: immutable, compared and hashed by value.
+    """A roller-chain drive: immutable, compared and hashed by value.
 
     Attributes:
-        chain: the chain; of a drive of several, an error that says so.
-        chains: the chains, where there are several, (); a single one is read as `chain`.
-        sprockets: (S,) sprockets in the order in which their chain visits them; at least 2, at least one prescribed.
+        chain: the chain; read from a drive of several, it raises an error.
+        chains: the chains of a drive of several; () with a single one.
+        sprockets: (S,) sprockets in the order in which their chain visits them.
         guides: (G,) guides.
-        arms: (A,) bodies that turn about a pivot; they stand after the sprockets where bodies are counted.
-        tensioners: (T,) what pushes arms, or sprockets on sliders.
+        arms: (A,) bodies that turn about a pivot.
+        tensioners: (T,) tensioners of arms, or of sprockets on sliders.
         contact: contact settings.
         run: run settings.
-        probes: places at which the chain that passes is looked at.
-        shafts: (H,) what sprockets turn with; as bodies they stand between the sprockets and the arms.
-        gears: pairs of gears that tie two shafts.
-        couplings: springs and dampers with play between two shafts.
-        temperature: temperature [degrees C] at which sizes and oil are (`warpchain.drive.thermal`); None is 20.
+        probes: places where the passing chain is sensed.
+        shafts: (H,) shafts that sprockets turn with.
+        gears: gear pairs between shafts.
+        couplings: springs and dampers with play between shafts.
+        temperature: temperature of the drive [degrees C]; None is 20.
         expansion: coefficients of expansion; None is a block of aluminum, wheels and chain of steel.
         valves: groups of valves that cams of sprockets and shafts lift.
 
     Raises:
-        DriveError: with one line for each value that is missing, unknown or not allowed.
+        DriveError: one line for each value that is missing, unknown or not allowed.
     """
 
     chain: Annotated[Chain, Allowed("must be a table")] = None  # type: ignore[assignment]  # see `__getattr__`
@@ -153,12 +153,12 @@ class Drive(Part):
             return super().__getattr__(name)
 
     def _repr_html_(self) -> str:
-        """HTML for notebooks."""
+        """The drive as HTML for notebooks."""
         return rendered_html(self)
 
     @property
     def as_read(self) -> Drive:
-        """The drive with the sizes that its file gives; itself at 20 degrees C."""
+        """The drive with the sizes that its file gives, at 20 degrees C."""
         return self if self._as_read is None else self._as_read
 
     def apply_temperature(self) -> None:
@@ -169,7 +169,7 @@ class Drive(Part):
             self._as_read = as_read
 
     def model_copy(self, *, update: Mapping[str, Any] | None = None, deep: bool = False) -> Self:
-        """An unchecked copy; with other parts than the file's, apart from run settings, it has no temperature."""
+        """Unchecked copy of the drive; changes other than of run settings remove its temperature."""
         copied = super().model_copy(update=update, deep=deep)
         if self._as_read is not None and update:
             run_alone = update.keys() == {"run"}
@@ -179,23 +179,22 @@ class Drive(Part):
 
     @check_arguments(DriveError)
     def with_values(self, values: Mapping[str, Any]) -> Self:
-        """A changed copy, checked like a file.
+        """Changed copy of the drive, checked like a file.
 
-        A value that stands for another replaces it: roller_mass and mass_per_length, damping and damping_ratio,
-        stiffness and materials. None takes an optional value away; a missing optional table is made.
+        A value replaces others that stand for the same, as damping damping_ratio. None takes an optional value away.
 
         Args:
             values: by key path, such as "sprockets.camshaft.load.torque"; elements of a list by name or index.
 
         Raises:
-            DriveError: for an unknown path, naming the nearest, or a value that is not allowed; one line each.
+            DriveError: one line for each unknown path or value that is not allowed.
         """
         copied: Self = changed_part(self.as_read, values)  # type: ignore[assignment]  # of the same class
         return copied
 
     @check_arguments(DriveError)
     def get_value(self, path: str) -> Any:
-        """The value at a key path; None if it is optional and not given.
+        """Value of the drive at a key path; None where an optional one is not given.
 
         Raises:
             DriveError: for an unknown path, naming the nearest.
@@ -203,11 +202,11 @@ class Drive(Part):
         return value_at_path(self.as_read, path)
 
     def paths(self) -> tuple[str, ...]:
-        """Every key path that `with_values` can set: tables, lists and single values, present or optional."""
+        """Every key path that `with_values` can set."""
         return tuple(settable_paths(self))
 
     def require_single_chain(self) -> None:
-        """Raises a DriveError where there are several chains."""
+        """Raises a DriveError for a drive of several chains."""
         if self.chains:
             names = ", ".join(chain.name for chain in self.chains)
             raise _NoSingleChain(f"chains: there are several, {names}; this takes drives of one chain, [chain]")
@@ -219,31 +218,31 @@ class Drive(Part):
 
     @property
     def each_chain(self) -> tuple[Chain, ...]:
-        """The chains, one or more; a single one has no name."""
+        """The chains of the drive, one or more."""
         return self.chains or (self.chain,)
 
     @property
     def chain_prefixes(self) -> tuple[str, ...]:
-        """Beginnings of the names of each chain's strands, links and metrics: "CHAIN.", "" of a single one."""
+        """Prefixes "CHAIN." of each chain's names of strands, links and metrics; "" of a single one."""
         return tuple(f"{chain.name}." for chain in self.chains) or ("",)
 
     @property
     def sprockets_by_chain(self) -> tuple[tuple[Chain, tuple[Sprocket, ...]], ...]:
-        """Each chain with the sprockets that it goes around, in order."""
+        """Each chain with its sprockets, in order."""
         names = [getattr(chain, "name", None) for chain in self.each_chain]
         around = [tuple(of for of in self.sprockets if of.chain == name) for name in names]
         return tuple(zip(self.each_chain, around, strict=True))
 
     @property
     def driver(self) -> int:
-        """Index of the sprocket that drives: the first prescribed one, or the nearest to the shaft that drives."""
+        """Index of the driving sprocket: the first prescribed one, or the nearest to the shaft that drives."""
         prescribed = (s for s, sprocket in enumerate(self.sprockets) if sprocket.prescribed is not None)
         first = next(prescribed, None)
         return driving_sprocket(self) if first is None else first
 
     @property
     def strand_names(self) -> tuple[str, ...]:
-        """(S,) "FROM->TO": strand k leaves sprocket k and reaches the next; of several chains, "CHAIN.FROM->TO"."""
+        """Names (S,) "FROM->TO" of strands, from sprocket k to the next; of several chains "CHAIN.FROM->TO"."""
         found: list[str] = []
         for prefix, (_, sprockets) in zip(self.chain_prefixes, self.sprockets_by_chain, strict=True):
             names = [sprocket.name for sprocket in sprockets]
@@ -282,12 +281,12 @@ class Drive(Part):
 
     @classmethod
     def _complete_values(cls, values: Any) -> Any:
-        """The values, with a single one of `chains` as `chain`, which then no part names, and with all defaults."""
+        """A drive's values with all defaults, a single one of `chains` as `chain`."""
         return values_with_defaults(cls._with_single_chain(values))
 
     @classmethod
     def _with_single_chain(cls, values: Any) -> Any:
-        """The values, with a single one of `chains` as `chain`, which then no part names."""
+        """A drive's values with a single one of `chains` as `chain`."""
         chains = node_list(values, "chains")
         if not isinstance(values, Mapping) or len(chains) != 1 or values.get("chain") is not None:
             return values
@@ -324,7 +323,7 @@ class Drive(Part):
 
 
 def temperature_rules(drive: Any) -> Iterator[Problem]:
-    """Problems of a drive, which is right as its file says, at its temperature."""
+    """Problems of a drive that arise at its temperature."""
     if not isinstance(drive, Drive) or not has_other_temperature(drive):
         return
     known = list(oil_rules(drive))
@@ -337,7 +336,7 @@ def temperature_rules(drive: Any) -> Iterator[Problem]:
 
 
 def _warn_if_catching(sprocket: Sprocket, chain: Chain, tooth: Tooth) -> None:
-    """Warns of a sprocket whose straight flanks do not let rollers go."""
+    """Warns of a sprocket whose straight flanks catch rollers."""
     if is_catching(sprocket, chain, tooth):
         limit = math.degrees(releasing_seat_angle(pitch_radius(sprocket, chain), chain.pitch))
         warn_caller(
@@ -348,7 +347,7 @@ def _warn_if_catching(sprocket: Sprocket, chain: Chain, tooth: Tooth) -> None:
 
 
 def _part_without_name(part: Any, key: str, name: Any) -> Any:
-    """A part, or the mapping to become one, without its chain or shaft where that has this name."""
+    """A part without its chain or shaft where that has this name."""
     if node_value(part, key) != name:
         return part
     if isinstance(part, Part):
@@ -357,7 +356,7 @@ def _part_without_name(part: Any, key: str, name: Any) -> Any:
 
 
 def _values_without_names(values: dict[str, Any]) -> dict[str, Any]:
-    """The values of one chain, without shafts whose names are single sprockets' own."""
+    """Values of a single chain's drive, without its name and sprockets' own shafts."""
     if any(node_list(values, kind) for kind in ("gears", "couplings")):
         return values
     kept = []
@@ -373,15 +372,14 @@ def _values_without_names(values: dict[str, Any]) -> dict[str, Any]:
 
 @check_arguments(DriveError)
 def loads_drive(text: str, source: str = "<text>", folder: str | os.PathLike[str] | None = None) -> Drive:
-    """Reads a drive from TOML text.
+    """Drive of a TOML text.
 
     Args:
-        text: the drive file's contents.
-        source: what error lines call it.
-        folder: where the CSV files of its tables stand; None allows no such files.
+        source: name of the text in error lines.
+        folder: folder of files that it names; None allows none.
 
     Raises:
-        DriveError: with one line for each error of the text, all of them.
+        DriveError: one line for each error of the text.
     """
     values = drive_toml.parse_toml(text, source)
     if folder is not None:
@@ -394,16 +392,16 @@ def loads_drive(text: str, source: str = "<text>", folder: str | os.PathLike[str
 
 @check_arguments(DriveError)
 def load_drive(path: str | os.PathLike[str]) -> Drive:
-    """Reads a drive file (TOML, UTF-8).
+    """Drive of a drive file (TOML, UTF-8).
 
     Raises:
-        DriveError: if it cannot be read, in one line, or with one line for each of its errors.
+        DriveError: if it cannot be read, or one line for each error.
     """
     return loads_drive(read_drive_text(path), str(path), Path(path).parent)
 
 
 def read_drive_text(path: str | os.PathLike[str]) -> str:
-    """A drive file's text, unchecked.
+    """Text of a drive file, unchecked.
 
     Raises:
         DriveError: if it cannot be read or is not UTF-8.
@@ -413,18 +411,18 @@ def read_drive_text(path: str | os.PathLike[str]) -> str:
 
 @check_arguments(DriveError)
 def dumps_drive(drive: Drive) -> str:
-    """A drive as TOML text, which `loads_drive` reads back equal. Defaults are written out, so that they stay."""
+    """A drive as TOML text with all defaults, which `loads_drive` reads back equal."""
     return drive_toml.toml_text(drive_values(drive))
 
 
 def drive_values(drive: Drive) -> dict[str, Any]:
-    """The values that a drive's file gives, defaults among them, as nested tables and lists."""
+    """Values of a drive as in its file, with defaults, as nested tables and lists."""
     values: dict[str, Any] = _values_without_empty_lists(drive.as_read.model_dump(exclude_none=True))
     return values
 
 
 def _values_without_empty_lists(value: Any) -> Any:
-    """The values without empty lists, which TOML cannot always write and which are the default."""
+    """Values of a drive without empty lists, which are the default."""
     if isinstance(value, dict):
         return {key: _values_without_empty_lists(inner) for key, inner in value.items() if inner != ()}
     return [_values_without_empty_lists(inner) for inner in value] if isinstance(value, tuple) else value
@@ -432,7 +430,7 @@ def _values_without_empty_lists(value: Any) -> Any:
 
 @check_arguments(DriveError)
 def save_drive(drive: Drive, path: str | os.PathLike[str]) -> None:
-    """Writes a drive file; one of that name is replaced, at once and whole.
+    """Writes a drive file; one of that name is replaced at once and whole.
 
     Raises:
         DriveError: if it cannot be written.
@@ -441,7 +439,7 @@ def save_drive(drive: Drive, path: str | os.PathLike[str]) -> None:
 
 
 def write_drive_text(text: str, path: str | os.PathLike[str]) -> None:
-    """Writes a drive file's text as it stands; one of that name is replaced, at once and whole.
+    """Writes the text of a drive file; one of that name is replaced at once and whole.
 
     Raises:
         DriveError: if it cannot be written.

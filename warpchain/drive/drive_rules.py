@@ -1,7 +1,6 @@
-"""Rules that tie the parts of a drive together, and what this version cannot simulate yet.
+"""Rules between the parts of a drive.
 
-Each rule yields its problems. It takes the drive, or the mapping that should become one if a value somewhere is wrong:
-what a rule needs and does not find whole, it leaves to the error of that value.
+Each yields its problems, of a drive or of a mapping that should become one, in which it passes over wrong values.
 """
 
 from __future__ import annotations
@@ -87,7 +86,7 @@ def guide_rules(drive: Any) -> Iterator[Problem]:
 
 
 def rolling_rules(drive: Any) -> Iterator[Problem]:
-    """Problems of rollers that roll on a guide-bar while the chain has no bush friction to transmit."""
+    """Problems of rollers that roll on a guide while the chain has no bush friction."""
     text = "must be false without chain.joint, whose friction rolling rollers pass on"
     chains = [chain for chain, _ in _sound_chains(drive) if chain.joint is None]
     places: list[tuple[tuple[str | int, ...], Any]] = []
@@ -112,7 +111,7 @@ def size_rules(drive: Any) -> Iterator[Problem]:
 
 
 def _sound_chains(drive: Any) -> Iterator[tuple[Chain, list[tuple[int, Any]]]]:
-    """The chains whose own values are right, each with its guides and their places."""
+    """Chains whose own values are right, each with its guides and their indices."""
     guides = list(enumerate(node_list(drive, "guides")))
     chains = node_list(drive, "chains")
     if not chains and (chain := valid_part(Chain, node_value(drive, "chain"))) is not None:
@@ -123,7 +122,7 @@ def _sound_chains(drive: Any) -> Iterator[tuple[Chain, list[tuple[int, Any]]]]:
 
 
 def _chain_size_rules(drive: Any, chain: Chain, guides: Sequence[tuple[int, Any]]) -> Iterator[Problem]:
-    """Problems of clearance, reference loads and guides that do not fit the size of one chain."""
+    """Problems of clearance, reference loads and guides that do not fit a chain's size."""
     contact, radius = node_value(drive, "contact"), chain.roller_radius
     sprocket = valid_part(SprocketContact, node_value(contact, "sprocket"))
     if sprocket is not None and sprocket.clearance is not None:
@@ -168,7 +167,7 @@ PLACES = {
     "probes": ("at",),
 }
 LEAST_LEVER = 1e-3
-"""Share of a tensioner's distance from what it moves that must be lever, or of its direction that must be along."""
+"""Least share of a tensioner's distance that is lever, or of its direction that is along a slider [-]."""
 
 
 def name_rules(drive: Any) -> Iterator[Problem]:
@@ -198,11 +197,11 @@ def place_rules(drive: Any) -> Iterator[Problem]:
 
 
 MOST_PARTS = 256
-"""Most parts of a kind: time and memory grow with them."""
+"""Most parts of a kind in a drive."""
 MOST_PIECES = 1000
-"""Most arcs and straight pieces of all faces together, rounded ends too: every roller is held against each."""
+"""Most arcs and straight pieces of all guide faces together."""
 LONGEST_FACE = 20_000
-"""Longest face, rounded ends too, in pitches: it is followed pitch by pitch."""
+"""Longest guide face, in pitches."""
 
 
 def count_rules(drive: Any) -> Iterator[Problem]:
@@ -214,7 +213,7 @@ def count_rules(drive: Any) -> Iterator[Problem]:
 
 
 def face_rules(drive: Any) -> Iterator[Problem]:
-    """Problems of faces that are too long or have too many pieces."""
+    """Problems of guide faces that are too long or have too many pieces."""
     guides, count = node_list(drive, "guides"), 0
     if len(guides) > MOST_PARTS:
         return
@@ -236,7 +235,7 @@ def face_rules(drive: Any) -> Iterator[Problem]:
 
 
 def profile_rules(drive: Any) -> Iterator[Problem]:
-    """Problems of faces that bend within a pitch, which links cannot follow."""
+    """Problems of guide faces that bend within a pitch."""
     for g, guide in enumerate(node_list(drive, "guides")):
         chain = chain_of_part(drive, guide)
         if chain is None:
@@ -270,7 +269,7 @@ def tooth_rules(drive: Any) -> Iterator[Problem]:
 
 
 def _face_bend_rules(guide: Any, pitch: float) -> Iterator[Problem]:
-    """Problems of one guide's face that bends within a pitch."""
+    """Problems of one guide face that bends within a pitch."""
     text = f"must be at least a pitch, {pitch:g}; links cannot follow a tighter face"
     radius = node_value(guide, "radius")
     if are_numbers(radius) and 0.0 < radius < pitch:
@@ -289,7 +288,7 @@ def _face_bend_rules(guide: Any, pitch: float) -> Iterator[Problem]:
 
 
 def arm_rules(drive: Any) -> Iterator[Problem]:
-    """Problems of guides, sprockets and arms on unknown arms, or on arms that are carried themselves."""
+    """Problems of parts on unknown arms, or on arms that are carried themselves."""
     names = [node_value(arm, "name") for arm in node_list(drive, "arms")]
     places: list[tuple[tuple[str | int, ...], Any]] = [
         (("guides", g), guide) for g, guide in enumerate(node_list(drive, "guides"))
@@ -376,12 +375,12 @@ def pump_rules(drive: Any) -> Iterator[Problem]:
 
 
 def _is_on_body(part: Any, on: Any) -> bool:
-    """Whether a guide or a sprocket is the body of this name, or on it."""
+    """Whether a guide or sprocket is, or is on, the body of a name."""
     return on in (node_value(part, "name"), node_value(part, "arm"), node_value(node_value(part, "mount"), "arm"))
 
 
 def _index_by_name(parts: Sequence[Any]) -> dict[str, int]:
-    """Indices of parts by their names, where those are text."""
+    """Indices of parts by name."""
     return {name: i for i, part in enumerate(parts) if isinstance(name := node_value(part, "name"), str)}
 
 
@@ -392,10 +391,10 @@ def _sprockets_on_sliders(drive: Any) -> list[Any]:
 
 
 def _arm_push_rules(drive: Any, node: Any, arm_node: Any) -> Iterator[Problem]:
-    """Problem of a tensioner whose moment turns the arm's faces away from the chain.
+    """Problem of a tensioner whose moment turns an arm's guide faces away from the chain.
 
-    A turn by dtheta moves a face towards the chain by (r - p).t dtheta, in the mean over its length in proportion to
-    |end - p|^2 - |start - p|^2.
+    A turn by dtheta moves a face towards the chain by (r - p).t dtheta, in the mean proportional to |end - p|^2 -
+    |start - p|^2.
     """
     arm, tensioner = valid_part(Arm, arm_node), valid_part(Tensioner, node)
     if arm is None or tensioner is None:
@@ -433,7 +432,7 @@ def _arm_push_rules(drive: Any, node: Any, arm_node: Any) -> Iterator[Problem]:
 
 
 def _arm_sprocket_rules(drive: Any, tensioner: Tensioner, arm: Arm, lever: float, pitch: float) -> Iterator[Problem]:
-    """Problem of a tensioner that turns the sprockets on its arm along with the pull of their strands."""
+    """Problem of a tensioner that turns an arm's sprockets along with their strands' pull."""
     parts = node_list(drive, "sprockets")
     mine = next(
         (node_value(part, "chain") for part in parts if node_value(node_value(part, "mount"), "arm") == arm.name), None
@@ -453,7 +452,7 @@ def _arm_sprocket_rules(drive: Any, tensioner: Tensioner, arm: Arm, lever: float
 
 
 def _slider_push_rules(drive: Any, node: Any, s: int) -> Iterator[Problem]:
-    """Problem of a tensioner that does not push along the slider, against the pull of the sprocket's two strands."""
+    """Problem of a tensioner that does not push along its slider against the strands' pull."""
     kind = node_value(node_value(node_list(drive, "sprockets")[s], "mount"), "kind") or "fixed"
     if kind != "slider":
         name = node_value(node, "on")
@@ -484,7 +483,7 @@ def _slider_push_rules(drive: Any, node: Any, s: int) -> Iterator[Problem]:
 
 
 def _strand_pull(sprockets: list[Sprocket], s: int, pitch: float) -> tuple[float, float] | None:
-    """Sum of the unit vectors along which the two strands of sprocket s pull it; None where no strands can run."""
+    """Sum of the unit vectors of two strands' pull on sprocket s; None where no strands fit."""
     before, own, after = sprockets[s - 1], sprockets[s], sprockets[(s + 1) % len(sprockets)]
     away, home = _strand_heading(own, after, pitch), _strand_heading(before, own, pitch)
     if away is None or home is None:
@@ -493,10 +492,9 @@ def _strand_pull(sprockets: list[Sprocket], s: int, pitch: float) -> tuple[float
 
 
 def _strand_heading(one: Sprocket, other: Sprocket, pitch: float) -> float | None:
-    """Heading [rad] of the straight strand from a sprocket to another.
+    """Heading [rad] of the straight strand between two sprockets, tangent to their pitch circles.
 
-    It passes the centers at their radius, on the right of those that the chain turns about counter-clockwise:
-    (c_2 - c_1).n = s_2 R_2 - s_1 R_1, n the strand's left normal.
+    With n its left normal, (c_2 - c_1).n = s_2 R_2 - s_1 R_1.
     """
     dx, dy = other.center[0] - one.center[0], other.center[1] - one.center[1]
     first, second = (part.sign * pitch / (2.0 * math.sin(math.pi / part.teeth)) for part in (one, other))

@@ -1,4 +1,4 @@
-"""Text of a changed drive that keeps the words, comments and units of the drive file it comes from."""
+"""Text of a changed drive that keeps the words, comments and units of its drive file."""
 
 from __future__ import annotations
 
@@ -18,18 +18,18 @@ if TYPE_CHECKING:
     from warpchain.drive.drive import Drive
 
 DIGITS, ALL = 9, 17
-"""Significant digits of a number that has changed, and of one whose every bit is kept."""
+"""Significant digits of a changed number, and of one that keeps every bit."""
 LONGEST = 200_000
-"""Characters of a text that is edited; tomlkit takes time that grows with the square of an array's length."""
+"""Most characters of a text that is edited."""
 PASSES = 3
-"""Most times that a text is edited: a value may stand for others that change with it, as `size` for `pitch`."""
+"""Most times that a text is edited, as values may change others."""
 
 
 def self_contained_text(path: Path) -> str:
-    """A drive file's text with the files that it names read in.
+    """Text of a drive file with the files that it names read in.
 
     Raises:
-        DriveError: a file that cannot be read.
+        DriveError: a file cannot be read.
     """
     import tomlkit
 
@@ -47,16 +47,13 @@ def self_contained_text(path: Path) -> str:
 
 
 def drive_text(text: str, drive: Drive) -> str:
-    """The text of a drive file for a drive that differs from that file's in some values.
-
-    What is the same keeps its words; what differs is written with `DIGITS` digits, in the unit that stood there.
+    """Text of a changed drive that keeps a drive file's words; changed numbers have `DIGITS` digits.
 
     Args:
-        text: of the file; it names no other files.
-        drive: with values for the keys of the file.
+        text: of a file that names no other files.
 
     Returns:
-        A text that reads back as `drive` within these digits; that of `dumps_drive` where none can be made of `text`.
+        Text that reads back as `drive` within these digits; that of `dumps_drive` where `text` cannot be edited.
     """
     edited = text
     for _ in range(PASSES if len(text) <= LONGEST else 0):
@@ -70,13 +67,11 @@ def drive_text(text: str, drive: Drive) -> str:
 
 
 def text_with_changes(text: str, before: Drive, after: Drive, digits: int = DIGITS) -> str:
-    """A drive file's text with the values in which `after` differs from `before`, all else as it is.
+    """Text of a drive file with the values in which `after` differs from `before`.
 
     Args:
         text: TOML.
-        before: the drive that the file gives.
-        after: the changed drive.
-        digits: significant digits of numbers that differ.
+        digits: significant digits of changed numbers.
     """
     import tomlkit
 
@@ -86,7 +81,7 @@ def text_with_changes(text: str, before: Drive, after: Drive, digits: int = DIGI
 
 
 def _text_if_equal(text: str, drive: Drive) -> str | None:
-    """The text if it reads back as a drive within the digits that are written, otherwise None."""
+    """The text of a drive if it reads back as the drive within `DIGITS`; else None."""
     try:
         return text if _is_near(drive_values(loads_drive(text)), drive_values(drive)) else None
     except DriveError:
@@ -94,7 +89,7 @@ def _text_if_equal(text: str, drive: Drive) -> str | None:
 
 
 def _is_near(one: Any, other: Any) -> bool:
-    """Whether two numbers agree within the digits that are written."""
+    """Whether two numbers agree within the written digits."""
     if isinstance(one, Mapping) and isinstance(other, Mapping):
         return one.keys() == other.keys() and all(_is_near(value, other[key]) for key, value in one.items())
     if isinstance(one, list | tuple) and isinstance(other, list | tuple):
@@ -105,11 +100,7 @@ def _is_near(one: Any, other: Any) -> bool:
 
 
 def _write_differences(node: Any, before: Any, after: Any, digits: int) -> None:
-    """Writes into a table or list of tomlkit what differs between two states of its values.
-
-    Args:
-        digits: of floats that differ.
-    """
+    """Writes the differences of two states of values into a tomlkit table or list."""
     import tomlkit
 
     if isinstance(after, Mapping):
@@ -137,7 +128,7 @@ def _has_one_shape(*values: Any) -> bool:
 
 
 def _new_value_text(there: Any, old: Any, new: Any, digits: int) -> str:
-    """A new value as TOML, a number in the unit that the text has for the old one."""
+    """A new value as TOML, in the unit of the old one."""
     quantity = QUANTITY.fullmatch(there) if isinstance(there, str) else None
     if quantity and old and isinstance(old, int | float) and isinstance(new, int | float):
         return drive_toml.inline_value(f"{new * (float(quantity[1]) / old):.{min(digits, 15)}g} {quantity[2]}")

@@ -1,8 +1,7 @@
 """Contours of DXF drawings: faces of guides, teeth of sprockets.
 
-A contour is what lies in the model space of a file, or on one of its layers, `FILE.dxf#LAYER`: lines, arcs, polylines,
-ellipses and splines that follow each other end to end, also in blocks. The file says its unit, or the drive file does.
-A face is an open line; a sprocket's outline is closed, and its center is that of its seats.
+A contour is made of the lines, arcs, polylines, ellipses and splines, end to end, in the model space of a file, or on
+one layer, `FILE.dxf#LAYER`, blocks included. A face is an open line; a sprocket's outline is closed.
 """
 
 from __future__ import annotations
@@ -25,25 +24,25 @@ from warpchain.files import check_file_size
 Array = NDArray[np.float64]
 
 GAP = 2e-6
-"""Largest distance of two ends that meet [m]."""
+"""Largest distance of two ends that join [m]."""
 SAG = 1e-6
-"""Largest distance of the points of a curve from it [m]."""
+"""Largest distance of a curve from its points [m]."""
 STRETCHES, MOST_STRETCHES = 40, 800
-"""Stretches of a face's straight piece, and about the most of all of them; a polyline of many has fewer in each."""
+"""Parts of a straight piece of a face, and about the most of all pieces."""
 MOST_LOOSE = 1000
-"""Ends that meet no other, of which a contour's narrowest gap is sought."""
+"""Most loose ends whose narrowest gap is sought."""
 ALIKE = 2e-5
-"""Largest difference of radii and places of teeth that count as alike, and of a spline from its arc [m]."""
+"""Largest difference of radii and places of like teeth, and of a spline from its arc [m]."""
 CORNER = math.radians(2.0)
 """Largest corner between a seat and its flank [rad]."""
 STRAIGHT = 1e3
-"""Radius of a line [m]."""
+"""Radius that counts as a straight line [m]."""
 KINDS = ("LINE", "ARC", "LWPOLYLINE", "POLYLINE", "ELLIPSE", "SPLINE")
 INSUNITS = (
     "", "in", "ft", "mile", "mm", "cm", "m", "km", "microinch", "mil", "yd", "angstrom", "nm", "um", "dm", "dam", "hm",
     "Gm", "au", "ly", "pc", "US survey ft", "US survey in", "US survey yd", "US survey mile",
 )  # fmt: skip
-"""Units of drawings in the order of the numbers that DXF gives them; 0 is none."""
+"""Units of drawings by DXF's number; 0 is none."""
 LENGTHS = {
     "in": 0.0254, "ft": 0.3048, "mile": 1609.344, "mm": 1e-3, "cm": 1e-2, "m": 1.0, "km": 1e3, "microinch": 2.54e-8,
     "mil": 2.54e-5, "yd": 0.9144, "angstrom": 1e-10, "nm": 1e-9, "um": 1e-6, "dm": 0.1, "dam": 10.0, "hm": 100.0,
@@ -51,27 +50,26 @@ LENGTHS = {
     "US survey ft": 1200 / 3937, "US survey in": 100 / 3937, "US survey yd": 3600 / 3937,
     "US survey mile": 6336000 / 3937,
 }  # fmt: skip
-"""Meters of each unit of drawings: international of 1959, and of surveyors in the United States."""
+"""Meters of each unit of drawings, international and US survey."""
 LARGEST = 1000.0
-"""Largest curve [m]; a larger one is drawn in another unit than is said."""
+"""Largest curve of a drawing [m]."""
 FARTHEST = 1e6
-"""Farthest place of a drawing from its origin [m]; beyond, places are too coarse for ends that meet within `GAP`."""
+"""Farthest place of a drawing from its origin [m]."""
 DEEPEST, MOST_ENTITIES = 16, 100_000
-"""Blocks within blocks, and entities of all blocks where they are placed, at most."""
+"""Most levels of nested blocks, and most entities of placed blocks."""
 MOST_PIECES, MOST_POINTS = 10_000, 100_000
-"""Lines, curves and points of splines of a contour, and points along its curves, at most."""
+"""Most edges of a contour, and most points along them."""
 MOST_DEGREE = 11
-"""Degree of a spline, at most, as in CAD programs."""
+"""Highest degree of a spline."""
 
 
 @dataclass(frozen=True)
 class Edge:
-    """One entity of a contour, or a piece of a polyline.
+    """Edge of a contour: an entity of a drawing, or a piece of a polyline.
 
     Attributes:
-        name: type and handle of the entity, as CAD programs show it.
+        name: type and handle, as in CAD programs.
         points: (n, 2) along it [m].
-        straight: whether it is a line.
     """
 
     name: str
@@ -85,14 +83,14 @@ class Edge:
 
 
 def read_edges(path: Path, layer: str | None, unit: str | None = None, key: str = "profile_unit") -> list[Edge]:
-    """The entities of a contour [m].
+    """Edges of a contour in a DXF drawing [m].
 
     Args:
-        unit: of the drawing, one of `LENGTHS`; None goes by what the file says.
-        key: the drive file's key of that unit.
+        unit: one of `LENGTHS`; None is the file's.
+        key: drive file's key of that unit.
 
     Raises:
-        DriveError: in one line that names the entity, if it is one.
+        DriveError: the drawing is wrong; one line that names the entity.
         WarpchainError: without the package ezdxf.
     """
     require_extra("dxf", "DXF", WarpchainError)
@@ -137,17 +135,15 @@ def read_edges(path: Path, layer: str | None, unit: str | None = None, key: str 
 def _entities_in_space(
     space: Any, insert: tuple[str, str] | None, depth: int, passed: Iterator[int]
 ) -> Iterator[tuple[str, Any, str]]:
-    """Layer, entity and name of each entity of a space, with those of referenced blocks in the references' place.
-
-    What lies on layer 0 of a block is on the layer of the reference.
+    """Layer, entity and name of each entity of a space, blocks placed; layer 0 is that of the reference.
 
     Args:
-        insert: layer and name of the reference whose block this is.
-        depth: references that lead here.
-        passed: counts the entities of blocks, polylines and splines by their points, and references.
+        insert: layer and name of the block's reference.
+        depth: number of references above.
+        passed: counts entities, points of splines and references.
 
     Raises:
-        DriveError: a reference to no block, to itself, or to a block that cannot be drawn so.
+        DriveError: a reference to no block, to itself, or to one that cannot be drawn.
     """
     if depth > DEEPEST:
         raise DriveError(f"{insert and insert[1]}: has blocks within blocks, {DEEPEST} deep and more")
@@ -176,11 +172,7 @@ def _entities_in_space(
 
 @contextmanager
 def _reported_curve_errors(name: str) -> Iterator[None]:
-    """Context that turns errors and warnings of ezdxf on an entity into one line.
-
-    Raises:
-        DriveError: in place of all errors of ezdxf and numpy.
-    """
+    """Context that turns errors and warnings of ezdxf on an entity into a DriveError."""
     try:
         with np.errstate(all="ignore"):
             yield
@@ -191,7 +183,7 @@ def _reported_curve_errors(name: str) -> Iterator[None]:
 
 
 def _piece_count(entity: Any) -> int:
-    """Number of pieces of an entity, known before any is drawn."""
+    """Number of pieces of an entity before it is drawn."""
     kind = entity.dxftype()
     if kind == "SPLINE":
         return max(1, len(entity.control_points) + len(entity.fit_points), len(entity.knots) - MOST_DEGREE - 1)
@@ -199,7 +191,7 @@ def _piece_count(entity: Any) -> int:
 
 
 def _check_kind(entity: Any, name: str) -> None:
-    """Raises a DriveError for an entity that is no edge, or a spline that is none."""
+    """Raises a DriveError for an entity that is no edge, or a wrong spline."""
     kind, allowed = entity.dxftype(), ", ".join(KINDS)
     if kind not in KINDS:
         raise DriveError(f"{name}: is no edge of a contour ({allowed}); put the contour on a layer, as FILE.dxf#LAYER")
@@ -213,11 +205,7 @@ def _check_kind(entity: Any, name: str) -> None:
 
 
 def _edges_of_entity(entity: Any, name: str, unit: str, most: int) -> list[Edge]:
-    """The edges of an entity.
-
-    Args:
-        most: points that they may have.
-    """
+    """Edges of a drawing's entity, with at most `most` points."""
     scale = LENGTHS[unit]
     with _reported_curve_errors(name):
         pieces = list(entity.virtual_entities()) if entity.dxftype() in ("LWPOLYLINE", "POLYLINE") else [entity]
@@ -248,7 +236,7 @@ def _edges_of_entity(entity: Any, name: str, unit: str, most: int) -> list[Edge]
 
 
 def _entity_size(piece: Any) -> float:
-    """Approximate size of an entity, in the drawing's unit."""
+    """Approximate size of an entity in the drawing's unit."""
     kind = piece.dxftype()
     if kind == "LINE":
         return float(piece.dxf.start.distance(piece.dxf.end))
@@ -261,10 +249,10 @@ def _entity_size(piece: Any) -> float:
 
 
 def joined_edges(edges: list[Edge]) -> tuple[list[Edge], bool]:
-    """Edges in the order of the contour, end to end, and whether it is closed.
+    """Edges in the order of a contour, and whether it is closed.
 
     Raises:
-        DriveError: edges that meet no other, or a third: the line names them, and how far they are apart.
+        DriveError: edges that join none, or a third.
     """
     from scipy.spatial import cKDTree  # here, since it takes a tenth of a second
 
@@ -300,7 +288,7 @@ def joined_edges(edges: list[Edge]) -> tuple[list[Edge], bool]:
 
 
 def _raise_open_contour(edges: list[Edge], loose: NDArray[np.intp], ends: Array) -> None:
-    """Raises the error on the narrowest gap of an open contour."""
+    """Raises the DriveError on the narrowest gap of an open contour."""
     loose = loose[:MOST_LOOSE]
     gaps = np.hypot(*np.moveaxis(ends[loose][:, None] - ends[loose][None], -1, 0))
     np.fill_diagonal(gaps, np.inf)
@@ -314,10 +302,10 @@ def _raise_open_contour(edges: list[Edge], loose: NDArray[np.intp], ends: Array)
 
 
 def read_face(path: Path, layer: str | None, unit: str | None = None) -> list[list[float]]:
-    """The points of a guide's face in a drawing [m].
+    """Points of a guide's face in a drawing [m].
 
     Raises:
-        DriveError, WarpchainError: as `read_edges`; or a contour that is closed, or open between its entities.
+        DriveError, WarpchainError: as `read_edges`; or for a closed contour.
     """
     edges, closed = joined_edges(read_edges(path, layer, unit))
     if closed:
@@ -334,7 +322,7 @@ def read_face(path: Path, layer: str | None, unit: str | None = None) -> list[li
 
 @dataclass(frozen=True)
 class _OutlineArc:
-    """An arc or a line of a sprocket's outline; radius infinite, and turn 0, of a line."""
+    """Arc or line (radius infinite, turn 0) of a sprocket's outline."""
 
     edge: Edge
     center: Array
@@ -343,7 +331,7 @@ class _OutlineArc:
 
     @property
     def tangents(self) -> Array:
-        """(2, 2) unit tangents at its begin and end."""
+        """Unit tangents (2, 2) at the arc's begin and end."""
         if math.isinf(self.radius):
             along = self.edge.points[-1] - self.edge.points[0]
             return np.stack([along, along]) / np.hypot(*along)
@@ -352,10 +340,10 @@ class _OutlineArc:
 
 
 def _fitted_arc(edge: Edge) -> _OutlineArc:
-    """The circle or line through an edge's points, by least squares.
+    """Circle or line through an edge's points, by least squares.
 
     Raises:
-        DriveError: it follows none, nor a line.
+        DriveError: the points follow neither.
     """
     points = edge.points
     nothing = np.zeros(2)
@@ -376,11 +364,11 @@ def _fitted_arc(edge: Edge) -> _OutlineArc:
 
 
 def read_teeth(path: Path, layer: str | None, teeth: int, unit: str | None = None) -> dict[str, float | None]:
-    """Tooth gap of a sprocket's outline in a drawing: seat_radius, seat_angle, flank_radius, tip_radius, and pitch.
+    """Tooth gap and pitch of a sprocket's outline in a drawing, by key of `ToothGap`.
 
     Raises:
-        DriveError, WarpchainError: as `read_edges`; or an outline that is open, whose number of seats is not `teeth`,
-            whose teeth differ, or whose flanks are not tangent to the seats.
+        DriveError, WarpchainError: as `read_edges`; or for an open outline, another number of seats than `teeth`,
+            unlike teeth, or flanks not tangent to seats.
     """
     edges, closed = joined_edges(read_edges(path, layer, unit, "tooth_unit"))
     if not closed:
@@ -421,7 +409,7 @@ def read_teeth(path: Path, layer: str | None, teeth: int, unit: str | None = Non
 
 
 def _merged_arcs(arcs: list[_OutlineArc]) -> list[_OutlineArc]:
-    """Arcs with neighbors on one circle merged into one."""
+    """Arcs of an outline, neighbors on one circle merged."""
     found: list[_OutlineArc] = []
     for arc in arcs:
         if found and _is_same_circle(found[-1], arc):

@@ -1,14 +1,13 @@
-r"""Faces of guides: chains of arcs and straight pieces with a continuous normal, and rounded ends.
+"""Faces of guides: arcs and straight pieces with a continuous normal, and rounded ends.
 
-The chain rides on the left of the pieces' direction. With t the tangent where a piece begins, n = t turned left
-(towards the chain), curvature k (positive: the face bends towards the chain and is concave; negative: convex), u = q.t
-and w = q.n of a point q seen from there, the point's height over the face and its place along it are
+The chain rides on the left of the pieces' direction. With t the tangent where a piece begins, n = t turned left,
+curvature k (positive: concave), u = q.t and w = q.n of a point q from there, its height over the face and its place
+along it are
 
     d = g / (1 + sqrt(1 - k g)),   g = 2 w - k (u^2 + w^2),                                                (a)
     s = atan2(k u, 1 - k w) / k,                                                                           (b)
 
-for arcs and, with k = 0, for straight pieces (d = w, s = u); nothing cancels however small k. The gradient of the
-height is (-k u, 1 - k w) / sqrt(1 - k g).
+of straight pieces d = w, s = u. The gradient of the height is (-k u, 1 - k w) / sqrt(1 - k g).
 """
 
 from __future__ import annotations
@@ -30,18 +29,18 @@ if TYPE_CHECKING:
 Point = tuple[float, float]
 
 SHORTEST = 1e-9
-"""Pieces shorter than this are left out [m]: what rounding leaves of a straight between two arcs that meet."""
+"""Length [m] of the shortest piece of a face that is kept."""
 JOINT_GAP = 1e-5
-"""Largest gap between the ends of two arcs that follow each other [m]: drawings round their numbers."""
+"""Largest gap between arcs of a face that join [m]."""
 ALIGN = math.radians(0.05)
-"""By how much the headings of two arcs may differ where they meet [rad]."""
+"""Largest angle between arcs of a face that join [rad]."""
 
 
 class ProfileError(ValueError):
-    """A face that cannot be drawn.
+    """A guide face that cannot be drawn.
 
     Attributes:
-        index: of the point or arc with which it goes wrong.
+        index: point or arc at fault.
     """
 
     def __init__(self, index: int, text: str) -> None:
@@ -50,7 +49,7 @@ class ProfileError(ValueError):
 
 
 def wrapped_angle(angle: Any) -> Any:
-    """The angle [rad], or angles of a stack's variants, between -pi and pi."""
+    """Angle [rad] between -pi and pi, or a stack's angles."""
     if not has_arrays(angle):
         return math.remainder(angle, 2.0 * math.pi)
     import numpy as np
@@ -59,14 +58,13 @@ def wrapped_angle(angle: Any) -> Any:
 
 
 def unit_vector(heading: Any) -> tuple[Any, Any]:
-    """The unit vector of a heading [rad], or of those of a stack's variants."""
+    """Unit vector of a heading [rad], or of a stack's headings."""
     if type(heading) is float:
         return math.cos(heading), math.sin(heading)
     return quick_cos(heading), quick_sin(heading)
 
 
 def _sinc(angle: Any) -> Any:
-    """sin(x) / x."""
     if not has_arrays(angle):
         return math.sin(angle) / angle if angle else 1.0
     safe = where(angle == 0.0, 1.0, angle)
@@ -74,12 +72,12 @@ def _sinc(angle: Any) -> Any:
 
 
 class PieceHeights(NamedTuple):
-    """Places and heights of points over a piece, (a), (b).
+    """Places and heights of points over a piece of a face, (a), (b).
 
     Attributes:
-        along, across: (K,) from its start, along its first tangent and towards the chain, u and w [m].
+        along, across: (K,) from its start along its first tangent, and towards the chain, u and w [m].
         place: (K,) arc length from its start, s [m].
-        height: (K,) over it, d [m].
+        height: (K,) height over it, d [m].
         root: (K,) sqrt(1 - k g).
     """
 
@@ -92,12 +90,12 @@ class PieceHeights(NamedTuple):
 
 @dataclass(frozen=True)
 class Piece:
-    """An arc or a straight line; of a stack's variants its numbers may be arrays (V,).
+    """Arc or straight piece of a guide face, or of a stack's faces (V,).
 
     Attributes:
-        start: where it begins [m].
-        heading: of the tangent there [rad].
-        curvature: [1/m], positive turns left; 0 is straight.
+        start: its first point [m].
+        heading: of its first tangent [rad].
+        curvature: [1/m], positive to the left.
         length: [m].
     """
 
@@ -108,33 +106,33 @@ class Piece:
 
     @property
     def end(self) -> Point:
-        """The point at which it ends [m]."""
+        """Last point of the piece [m]."""
         return self.at(self.length)[0]
 
     @property
     def end_heading(self) -> float:
-        """Heading of the tangent where it ends [rad]."""
+        """Heading of the piece's last tangent [rad]."""
         return self.heading + self.curvature * self.length
 
     def at(self, s: float) -> tuple[Point, float]:
-        """The point [m] and the heading of the tangent [rad] at the arc length s [m] from the start."""
+        """Point [m] and heading [rad] at an arc length [m]."""
         half = 0.5 * self.curvature * s
         chord = s * _sinc(half)
         x, y = unit_vector(self.heading + half)
         return (self.start[0] + chord * x, self.start[1] + chord * y), self.heading + 2.0 * half
 
     def reversed_piece(self) -> Piece:
-        """The piece run from its end to its start."""
+        """The piece from its end to its start."""
         return Piece(self.end, self.end_heading + math.pi, -self.curvature, self.length)
 
     def local_coordinates(self, point: Sequence[float]) -> tuple[float, float]:
-        """Coordinates of a point along the tangent at the piece's start, and towards the chain [m]."""
+        """Coordinates u, w of a point over the piece [m]."""
         (x, y), (tx, ty) = self.start, unit_vector(self.heading)
         dx, dy = point[0] - x, point[1] - y
         return dx * tx + dy * ty, dy * tx - dx * ty
 
     def heights(self, points: NDArray[np.float64]) -> PieceHeights:
-        """Places and heights of points (K, 2) over the piece, extended at both ends [m], (a), (b)."""
+        """Places and heights of points (K, 2) over the extended piece [m], (a), (b)."""
         import numpy as np
 
         t, k = np.array(unit_vector(self.heading)), self.curvature
@@ -145,7 +143,7 @@ class Piece:
         return PieceHeights(u, w, np.arctan2(k * u, 1.0 - k * w) / k if k else u, g / (1.0 + root), root)
 
     def place_and_height(self, point: Sequence[float]) -> tuple[float, float]:
-        """Arc length from the start (b), and height (a), of a point over the piece, extended at both ends [m]."""
+        """Place (b) and height (a) of a point over the extended piece [m]."""
         (u, w), k = self.local_coordinates(point), self.curvature
         g = 2.0 * w - k * (u * u + w * w)
         height = g / (1.0 + math.sqrt(max(1.0 - k * g, 0.0)))
@@ -154,13 +152,13 @@ class Piece:
 
 @dataclass(frozen=True)
 class Profile:
-    """A face with its rounded ends; the chain rides on the left.
+    """Face of a guide with its rounded ends; the chain rides on the left.
 
-    Places are arc lengths [m], 0 where the face begins; the first rounded end has negative ones.
+    Places are arc lengths from the face's begin [m], negative on the first rounded end.
 
     Attributes:
-        pieces: continuous in place and heading; the first and the last are the convex quarter circles of the ends.
-        reversed: True if they run from the end that the drive file names last to the one that it names first.
+        pieces: first and last are the quarter circles of the ends.
+        reversed: whether they run from the drive file's last end to its first.
     """
 
     pieces: tuple[Piece, ...]
@@ -168,17 +166,17 @@ class Profile:
 
     @property
     def face(self) -> tuple[Piece, ...]:
-        """The pieces of the face, without the rounded ends; at least one."""
+        """Pieces of the face without rounded ends."""
         return self.pieces[1:-1]
 
     @property
     def straight(self) -> bool:
-        """True for a bar: a face of one straight piece."""
+        """Whether the face is one straight piece."""
         return len(self.pieces) == 3 and self.pieces[1].curvature == 0.0
 
     @cached_property
     def places(self) -> tuple[float, ...]:
-        """(P,) places at which the pieces begin [m]."""
+        """Places (P,) at which the pieces begin [m]."""
         begins = [-self.pieces[0].length]
         for piece in self.pieces[:-1]:
             begins.append(begins[-1] + piece.length if len(begins) > 1 else 0.0)
@@ -195,15 +193,12 @@ class Profile:
         return -1.0 / self.pieces[0].curvature
 
     def at(self, s: float) -> tuple[Point, float]:
-        """The point [m] and the heading [rad] at a place [m]."""
+        """Point [m] and heading [rad] at a place of the face [m]."""
         i = max(bisect_right(self.places, s) - 1, 0)
         return self.pieces[i].at(s - self.places[i])
 
     def locate(self, point: Sequence[float]) -> tuple[float, float] | None:
-        """Place along the face and height over it [m] of a point [m]; None beyond the rounded ends.
-
-        A piece covers what lies between the normals at its start and its end; of several the nearest counts.
-        """
+        """Place and height [m] of a point over the nearest piece of the face; None beyond its ends."""
         found: list[tuple[float, float]] = []
         last = self.pieces[-1]
         ahead = [
@@ -216,21 +211,19 @@ class Profile:
         return min(found, key=lambda pair: abs(pair[1]), default=None)
 
     def points(self, spacing: float, caps: bool = True) -> NDArray[np.float64]:
-        """(n, 2) points along the face [m], ends of pieces among them, at most `spacing` [m] apart.
+        """Points (n, 2) along the face [m], at most `spacing` [m] apart.
 
         Args:
-            spacing: [m].
-            caps: False leaves the rounded ends out.
+            caps: whether rounded ends are included.
         """
         return self.offset_points(0.0, spacing, caps)
 
     def offset_points(self, offset: float, spacing: float, caps: bool = True) -> NDArray[np.float64]:
-        """(n, 2) points at the height `offset` over the face [m]: where rollers of that radius have their centers.
+        """Points (n, 2) at a height over the face [m], where rollers of that radius have their centers.
 
         Args:
-            offset: [m].
             spacing: of their feet on the face, at most [m].
-            caps: False leaves the rounded ends out.
+            caps: whether rounded ends are included.
         """
         import numpy as np
 
@@ -249,12 +242,11 @@ class Profile:
 
 
 def make_profile(face: Iterable[Piece], end_radius: float, side: str = "left") -> Profile:
-    """A face with its rounded ends.
+    """Face of a guide with its rounded ends.
 
     Args:
-        face: pieces from the start to the end, continuous.
-        end_radius: of both ends [m].
-        side: of the way from start to end on which the chain rides, "left" or "right".
+        end_radius: [m].
+        side: on which the chain rides, "left" or "right".
     """
     pieces = tuple(face)
     if side == "right":
@@ -267,18 +259,18 @@ def make_profile(face: Iterable[Piece], end_radius: float, side: str = "left") -
 
 
 def straight_face(start: Point, end: Point) -> tuple[Piece, ...]:
-    """The face of a straight bar from start to end [m]."""
+    """Face of a straight bar between two points [m]."""
     x, y = end[0] - start[0], end[1] - start[1]
     return (Piece((start[0], start[1]), math.atan2(y, x), 0.0, math.hypot(x, y)),)
 
 
 def rounded_face(points: Sequence[Point], radius: float) -> tuple[Piece, ...]:
-    """The face along a line through points [m], its corners rounded with arcs of a radius [m].
+    """Face along a line through points, corners rounded with a radius [m].
 
     An arc that turns by b begins and ends R tan(b/2) from its corner.
 
     Raises:
-        ProfileError: if two points that follow each other are one, or an arc finds no room at its corner.
+        ProfileError: equal neighboring points, or no room for an arc.
     """
     sides: list[Piece] = []
     for i, (a, b) in enumerate(pairwise(points), 1):
@@ -309,14 +301,13 @@ def rounded_face(points: Sequence[Point], radius: float) -> tuple[Piece, ...]:
 
 
 def arc_face(circles: Sequence[tuple[Point, float, float, float]]) -> tuple[Piece, ...]:
-    """The face along arcs, and along straight pieces between those whose ends are apart on their common tangent.
+    """Face along arcs, with straight pieces on common tangents.
 
     Args:
-        circles: center [m], radius [m] and the angles [rad] at which it is entered and left, as seen from the center;
-            the arc runs counter-clockwise if the second is the larger one.
+        circles: center [m], radius [m], angles of entry and exit [rad]; counter-clockwise if the second is larger.
 
     Raises:
-        ProfileError: if an arc does not begin where and as the one before it ends, within `JOINT_GAP` and `ALIGN`.
+        ProfileError: arcs that do not join within `JOINT_GAP` and `ALIGN`.
     """
     faces: list[Piece] = []
     for i, (center, radius, begin, end) in enumerate(circles):
@@ -342,5 +333,4 @@ def arc_face(circles: Sequence[tuple[Point, float, float, float]]) -> tuple[Piec
 
 
 def _long_pieces(pieces: Iterable[Piece]) -> tuple[Piece, ...]:
-    """The pieces that are not shorter than rounding leaves them."""
     return tuple(piece for piece in pieces if piece.length > SHORTEST)

@@ -1,4 +1,4 @@
-"""Columns of the text tables that a drive file names: which they are, their units, and lifts for a whole turn."""
+"""Columns of the text tables that a drive file names, their units, and lifts for a whole turn."""
 
 from __future__ import annotations
 
@@ -17,12 +17,12 @@ from warpchain.errors import DriveError
 
 
 class FileColumns(NamedTuple):
-    """The columns that a file may have.
+    """The columns that a text table of a drive may have.
 
     Attributes:
-        over: keys of which it has one, whose numbers ascend; of points none.
+        over: keys of which it has one, ascending; none for points.
         of: keys of which it has one at least.
-        needs_all: it has all of them.
+        needs_all: whether it needs all of them.
     """
 
     over: tuple[str, ...]
@@ -37,7 +37,7 @@ class FileColumns(NamedTuple):
 COLUMN_UNITS = {
     "time": "s", "angle": "rad", "speed": "rad/s", "torque": "N m", "pressure": "Pa", "lift": "m", "x": "m", "y": "m"
 }  # fmt: skip
-"""Units of columns by their keys."""
+"""Units of a text table's columns by key."""
 FILE_KEYS = {
     "file": "file with the columns, such as CSV, in the drive file's folder or below it",
     "columns": "names, or numbers such as #3, of the file's columns, by the keys that they stand for",
@@ -45,18 +45,18 @@ FILE_KEYS = {
     "decimal": "sign before decimals in the file, a point or a comma; default the one that all its numbers have",
     "head": "line of the names in the file; default the one above the numbers",
 }
-"""Keys beside `file` that say how it is read; a drive that is written has numbers in their place."""
+"""Keys of a drive file that say how a text table is read, with descriptions."""
 LIFT_KEYS = {
     "event": "true: the file has the lift while it is open, and it rests for the rest of the turn; false: it repeats",
     "crank_turns": "turns of the crank for one of the cams, where the file has degrees of the crank: 2 of four strokes",
 }
-"""Further keys beside `file` of a table of lifts."""
+"""Further keys for a text table of valve lifts."""
 _CRANK = re.compile(r"crank|kurbel|\b(CA|KW|CAD|CRK)\b|°(CA|KW|CRK)|deg(CA|KW|CRK)", re.IGNORECASE)
 POINTS = FileColumns((), ("x", "y"), needs_all=True)
 
 
 def columns_of(kind: type) -> FileColumns:
-    """The columns of a file of a kind of table."""
+    """Columns that the text table of a kind of part may have."""
     if issubclass(kind, PlaceTable):
         return FileColumns(("time",), ("x", "y"))
     if issubclass(kind, LiftTable):
@@ -67,15 +67,13 @@ def columns_of(kind: type) -> FileColumns:
 def read_columns(
     path: Path, table: Mapping[str, Any], allowed: FileColumns, is_lift: bool = False
 ) -> dict[str, list[float]]:
-    """The columns of a file by key, in SI units.
+    """Columns of a text table by key, in SI units.
 
     Args:
-        table: of `FILE_KEYS`, of a lift also of `LIFT_KEYS`.
-        allowed: what it may have.
-        is_lift: whether it is of a lift.
+        table: keys of `FILE_KEYS`, of a lift also of `LIFT_KEYS`.
 
     Raises:
-        DriveError: in one line, with the line's number in the file.
+        DriveError: one line with the file's line number.
     """
     _check_file_keys(table, allowed, is_lift)
     names = {key: str(name) for key, name in (table.get("columns") or {}).items()}
@@ -98,7 +96,7 @@ def read_columns(
 
 
 def _check_file_keys(table: Mapping[str, Any], allowed: FileColumns, is_lift: bool) -> None:
-    """Refuses keys beside `file` that are not what they must be."""
+    """Refuses keys beside `file` that are wrong."""
     keys = (*allowed.over, *allowed.of)
     for key in ("columns", "units"):
         given = table.get(key, {})
@@ -123,7 +121,7 @@ def _is_count(value: Any) -> bool:
 
 
 def _named_places(found: TextTable, names: dict[str, str], allowed: FileColumns) -> dict[str, int]:
-    """Places of columns that the drive file names."""
+    """Indices of the columns that a drive file names."""
     _check_keys(list(names), allowed, "columns: ")
     places = {key: column_place(found.names, name, 0, "columns") for key, name in names.items()}
     for key, k in places.items():
@@ -133,10 +131,10 @@ def _named_places(found: TextTable, names: dict[str, str], allowed: FileColumns)
 
 
 def _places(found: TextTable, allowed: FileColumns) -> dict[str, int]:
-    """Places of the columns by key: each is what its head names, or else the one that has its unit.
+    """Indices of a text table's columns by key: by name, else by unit.
 
     Raises:
-        TableError: a column that is none, or two that are one.
+        TableError: no or two columns for a key.
     """
     keys = (*allowed.over, *allowed.of)
     found_keys = [_key_of_head(head, keys) for head in found.heads]
@@ -160,7 +158,7 @@ def _places(found: TextTable, allowed: FileColumns) -> dict[str, int]:
 
 
 def _key_of_head(head: Head, keys: tuple[str, ...]) -> str:
-    """The key that a head names, or else the only one that is measured in its unit; "" for none."""
+    """Key that a column's name means, else the only one of its unit; "" for none."""
     if head.name.lower() in keys:
         return head.name.lower()
     alike = [key for key in keys if unit_factor(head.unit, COLUMN_UNITS[key]) is not None]
@@ -168,7 +166,7 @@ def _key_of_head(head: Head, keys: tuple[str, ...]) -> str:
 
 
 def _check_keys(keys: list[str], allowed: FileColumns, where: str) -> None:
-    """Refuses columns that are not what a table needs."""
+    """Refuses columns that a table cannot have, or lacks."""
     over = [key for key in keys if key in allowed.over]
     of = [key for key in keys if key in allowed.of]
     if len(over) != min(len(allowed.over), 1) or not of or (allowed.needs_all and len(of) < len(allowed.of)):
@@ -176,7 +174,7 @@ def _check_keys(keys: list[str], allowed: FileColumns, where: str) -> None:
 
 
 def _si_column(found: TextTable, key: str, k: int, units: Mapping[str, str]) -> list[float]:
-    """A column's numbers in SI units; none is missing."""
+    """Numbers of a text table's column in SI units."""
     head = found.heads[k]
     word = units.get(key) or head.unit or (COLUMN_UNITS[key] if head.name.lower() == key else "")
     if not word:
@@ -196,7 +194,7 @@ def _si_column(found: TextTable, key: str, k: int, units: Mapping[str, str]) -> 
 def _check_rows(
     found: TextTable, columns: dict[str, list[float]], places: dict[str, int], allowed: FileColumns
 ) -> None:
-    """Refuses too few or too many rows, rows that do not ascend, and a point twice."""
+    """Refuses too few or many rows, rows that do not ascend, equal points."""
     rows = found.rows
     if not 2 <= len(rows) <= MOST_ROWS:
         raise TableError(f"has {len(rows)} rows of numbers; must have 2 to {MOST_ROWS}")
@@ -215,7 +213,7 @@ def _check_rows(
 
 
 def read_points(path: Path, table: Mapping[str, Any]) -> list[list[float]]:
-    """The points of a file [m], as `read_columns`."""
+    """Points of a guide face in a text table [m]."""
     columns = read_columns(path, table, POINTS)
     return [list(point) for point in zip(columns["x"], columns["y"], strict=True)]
 
@@ -224,7 +222,7 @@ def read_points(path: Path, table: Mapping[str, Any]) -> list[list[float]]:
 
 
 def _turn_to_cam(columns: dict[str, list[float]], crank_turns: int | None, head: str) -> None:
-    """Turns a lift's angles of the crank into those of the cams."""
+    """Turns a lift's crank angles into cam angles."""
     if crank_turns is None and _CRANK.search(head):
         raise DriveError(
             f"{value_text(head)} counts degrees of the crank; give crank_turns, its turns for one of the cams"
@@ -233,7 +231,7 @@ def _turn_to_cam(columns: dict[str, list[float]], crank_turns: int | None, head:
 
 
 def _close_lift(columns: dict[str, list[float]], event: bool | None) -> None:
-    """Lets a lift that is an event alone rest for the rest of the turn, in steps like its last."""
+    """Closes the lift of a valve event by zeros for the rest of the turn."""
     angle, lift = columns["angle"], columns["lift"]
     span, turn = angle[-1] - angle[0], 2.0 * math.pi
     if event is False or abs(span / turn - 1.0) <= TURN_TOLERANCE:

@@ -1,8 +1,4 @@
-"""Guides: the shape of their faces as a drive file gives it, and their profile (`warpchain.drive.face_profile`).
-
-A face is a straight bar (start, end), a line through points with rounded corners, a chain of arcs, or a measured line
-that biarcs are fitted to.
-"""
+"""Guides: the shape of their faces as a drive file gives it, and their profile (`warpchain.drive.face_profile`)."""
 
 from __future__ import annotations
 
@@ -50,7 +46,7 @@ Side = Annotated[Literal["left", "right"], Value('must be "left" or "right", see
 
 
 def _plain_points(value: Any) -> Any:
-    """Points in lists or arrays (n, 2) as tuples of tuples."""
+    """Points in lists or arrays (n, 2) as tuples."""
     rows = value.tolist() if getattr(value, "ndim", 0) == 2 else value
     return tuple(tuple(row) if isinstance(row, list) else row for row in rows) if isinstance(rows, list) else rows
 
@@ -77,29 +73,29 @@ Bolts = Annotated[
 ]
 
 SMALLEST, LARGEST = 1e-9, 1e9
-"""Radii beyond are mistakes [m]."""
+"""Radii of a face's arcs that are allowed [m]."""
 
 MOST_POINTS = 2000
-"""Most points or arcs of a face: what is fitted to wild points takes as long as their square."""
+"""Most points or arcs of a guide face."""
 
 SHAPES = ("points", "arcs", "profile")
-"""Keys that give a face another shape than that of a bar from start to end."""
+"""Keys that give a face another shape than a straight bar's."""
 
 
 def _radius_rules(node: Any, key: str) -> Iterator[Problem]:
-    """Problem of a radius that is 0, negative or far too large."""
+    """Problem of a radius that is not positive, or far too large."""
     value = node_value(node, key)
     if isinstance(value, (int, float)) and value > 0.0 and not SMALLEST <= value <= LARGEST:
         yield Problem((key,), value, f"must be from {SMALLEST:g} to {LARGEST:g} m")
 
 
 class _Arc(Part):
-    """An arc of a face, between two angles as seen from its center; counter-clockwise if `to` is the larger one.
+    """An arc of a guide face.
 
     Attributes:
-        center: its center [m].
-        radius: its radius [m].
-        from, to: angles at which the face enters and leaves the arc [degrees]; less than a revolution apart.
+        center: center [m].
+        radius: radius [m].
+        from, to: angles of entry and exit, seen from the center [degrees]; counter-clockwise if `to` is larger.
     """
 
     center: Pair
@@ -107,7 +103,7 @@ class _Arc(Part):
 
     @property
     def angles(self) -> tuple[float, float]:
-        """Angles at which the face enters and leaves the arc [rad]."""
+        """Angles at which a face enters and leaves the arc [rad]."""
         return math.radians(node_value(self, "from")), math.radians(node_value(self, "to"))
 
     @classmethod
@@ -128,7 +124,7 @@ else:  # a class body cannot name a field `from`
 
 
 class Bar(NamedTuple):
-    """A straight face as the chain rides on it: on the left from start to end; its ends' radius [m]."""
+    """Straight guide face [m]; the chain rides on the left."""
 
     start: Point
     end: Point
@@ -140,17 +136,17 @@ class Guide(Part):
 
     Attributes:
         name: unique among all parts.
-        start, end: ends of a flat face [m]; not the same point.
-        points: corners of a line, which are rounded [m]; this, start and end, arcs, or a profile.
-        arcs: arcs that follow each other, with straight pieces where they only share a tangent.
-        profile: points of a measured line [m], which biarcs follow; a drive file may name a file instead.
-        end_radius: radius of both ends [m]; needed with start and end, else a pitch unless given.
+        start, end: ends of a flat face [m].
+        points: corners of a line, which are rounded [m].
+        arcs: arcs that follow each other, with straight pieces on common tangents.
+        profile: points of a measured line [m]; a drive file may name a file instead.
+        end_radius: radius of both ends [m]; None is a pitch, not with start and end.
         radius: radius of the rounded corners of `points` [m].
-        side: side of the way from start to end on which the chain rides; None is the left.
+        side: side of the way from start to end on which the chain rides.
         offset: distance from the face to the rollers' centers [m]; None is the rollers' radius.
-        chain: name of the chain that it guides, where there are several.
+        chain: chain that it guides, where there are several.
         bolts: places at which a guide on the ground is screwed to the housing [m]; they share its force in exports.
-        arm: arm that carries the guide, in the position that it has at the arm's angle 0; None is the ground.
+        arm: arm that carries it, drawn at the arm's angle 0; None is the ground.
         contact: contact settings that differ from `[contact.guide]`.
     """
 
@@ -179,12 +175,12 @@ class Guide(Part):
 
     @property
     def straight(self) -> bool:
-        """True for a bar of one straight piece."""
+        """Whether the guide is one straight bar."""
         return self.start is not None
 
     @property
     def bar(self) -> Bar:
-        """A straight bar's ends; only where `straight`."""
+        """Ends and radius of a straight guide."""
         assert self.start is not None and self.end is not None and self.end_radius is not None
         if self.side == "right":
             return Bar(self.end, self.start, self.end_radius)
@@ -224,7 +220,7 @@ class Guide(Part):
 
 
 def _face_rules(node: Any) -> Iterable[Problem]:
-    """Problems of a guide's numbers, however the face is given."""
+    """Problems of a guide's numbers."""
     if list(node_list(node, "start")) == list(node_list(node, "end")) != []:
         yield Problem(("end",), node_value(node, "end"), "must be another point than start")
     far = [problem for key in ("points", "profile") for i, point in enumerate(node_list(node, key))
@@ -241,7 +237,7 @@ def _face_rules(node: Any) -> Iterable[Problem]:
 
 
 def _face_shape_rules(node: Any, shape: str) -> Iterable[Problem]:
-    """Problems of the face's geometry, where its values are whole."""
+    """Problems of the shape of a guide's face."""
     key, values = _face_shape(node)
     if key is None:
         return
@@ -254,7 +250,7 @@ def _face_shape_rules(node: Any, shape: str) -> Iterable[Problem]:
 
 
 def _face_shape(node: Any) -> tuple[str | None, tuple[Any, ...]]:
-    """The key by which a guide's face is given, and its values; None where they are not whole."""
+    """Key and values that give a guide's face; None where they are wrong."""
     if any(len(node_list(node, key)) > MOST_POINTS for key in SHAPES):
         return None, ()
     for key in ("points", "profile"):
@@ -282,7 +278,7 @@ def _face_shape(node: Any) -> tuple[str | None, tuple[Any, ...]]:
 
 @lru_cache(maxsize=1024)
 def _face_of_values(key: str, values: tuple[Any, ...]) -> tuple[Piece, ...]:
-    """The pieces of a face that is given by a key and values."""
+    """Pieces of a guide face, given by a key and values."""
     if key == "points":
         return rounded_face(*values)
     if key == "profile":
@@ -291,11 +287,10 @@ def _face_of_values(key: str, values: tuple[Any, ...]) -> tuple[Piece, ...]:
 
 
 def guide_profile(node: Any, pitch: float) -> Profile | None:
-    """The profile of a guide, or of the values that should become one; None where they are not whole.
+    """Profile of a guide, or of values that should become one; None where they are wrong.
 
     Args:
-        node: the guide.
-        pitch: of the chain, the radius of ends that have none of their own [m].
+        pitch: default radius of ends [m].
     """
     key, values = _face_shape(node)
     if key is None:
@@ -312,5 +307,5 @@ def guide_profile(node: Any, pitch: float) -> Profile | None:
 
 @lru_cache(maxsize=1024)
 def _profile_of_values(key: str, values: tuple[Any, ...], end_radius: float, side: str) -> Profile:
-    """The profile of a face that is given by a key and values."""
+    """Profile of a guide face, given by a key and values."""
     return make_profile(_face_of_values(key, values), end_radius, side)

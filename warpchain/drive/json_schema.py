@@ -1,8 +1,7 @@
-"""JSON schemas of TOML files for editors: keys with their descriptions, allowed values and quantities with units.
+"""JSON schemas of drive and study files for editors: keys, descriptions, allowed values and quantities with units.
 
-A schema is what pydantic makes of a part (`warpchain.drive.schema.Part`) as files have it: no nulls, which TOML lacks,
-a quantity such as "540 rpm" where a number has a unit, and only those keys needed that nothing else can stand for.
-Rules between keys are `warpchain check`'s.
+They have pydantic's schema of a part, without nulls, with quantities such as "540 rpm"; rules between keys are left
+out.
 """
 
 from __future__ import annotations
@@ -20,7 +19,7 @@ from warpchain.drive.valves import LiftTable
 
 DIALECT = "https://json-schema.org/draft/2020-12/schema"
 QUANTITY = {"type": "string", "pattern": r"^[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d{1,3})?\s*[A-Za-z°µμ%]"}
-"""A number with a unit, as `warpchain.drive.quantities.QUANTITY` has it, in the regular expressions of JSON schemas."""
+"""JSON schema of a quantity such as "540 rpm"."""
 
 TEXTS = {"type": "object", "additionalProperties": {"type": "string"}}
 FILE_SHAPES: dict[str, dict[str, Any]] = {
@@ -32,15 +31,15 @@ FILE_SHAPES: dict[str, dict[str, Any]] = {
     "event": {"type": "boolean"},
     "crank_turns": {"type": "integer", "minimum": 1},
 }
-"""Shapes of the keys of tables that name a file."""
+"""JSON schemas of the keys beside `file`."""
 
 DRAWN = {"Guide": "profile", "Sprocket": "tooth"}
-"""Keys of parts that may name a drawing, whose unit a further key says."""
+"""Keys of parts that may name a drawing."""
 UNIT = {"type": "string", "description": "unit of the DXF file, such as mm, in place of what the file says"}
 
 
 def file_schema(top: type[Part], title: str) -> dict[str, Any]:
-    """The JSON schema of a TOML file whose tables are those of the part `top`."""
+    """JSON schema of a TOML file with the tables of the part `top`."""
     whole = top.model_json_schema()
     tables = {top.__name__: whole, **whole.get("$defs", {})}
     kinds = {kind.__name__: kind for kind in _derived_parts(Part)}
@@ -50,24 +49,24 @@ def file_schema(top: type[Part], title: str) -> dict[str, Any]:
 
 
 def drive_schema() -> dict[str, Any]:
-    """The JSON schema of drive files."""
+    """JSON schema of drive files."""
     from warpchain.drive import Drive
 
     return file_schema(Drive, "warpchain drive file")
 
 
 def schema_text(schema: dict[str, Any]) -> str:
-    """A schema as the text of a file, which drive or study files name first: `#:schema ./drive.schema.json`."""
+    """Text of a JSON schema's file."""
     return json.dumps(schema, indent=1, ensure_ascii=False) + "\n"
 
 
 def _derived_parts(kind: type[Part]) -> list[type[Part]]:
-    """The parts that derive from one."""
+    """Parts derived from one, at all levels."""
     return [inner for own in kind.__subclasses__() for inner in (own, *_derived_parts(own))]
 
 
 def _rewrite_for_file(kind: type[Part], table: dict[str, Any]) -> None:
-    """Turns the schema of a part into that of a table of a file."""
+    """Turns a part's schema into that of a file's table."""
     table["description"] = " ".join(inspect.cleandoc(kind.__doc__ or "").split("\n\n")[0].split())
     said = attribute_descriptions(kind)
     for key, value in table.get("properties", {}).items():
@@ -86,7 +85,7 @@ def _rewrite_for_file(kind: type[Part], table: dict[str, Any]) -> None:
 
 
 def _file_value_schema(shape: Any, measured: bool) -> Any:
-    """A value's schema without nulls and titles; numbers with units may also be quantities."""
+    """Schema of a value without nulls and titles; of one with a unit also quantities."""
     if isinstance(shape, list):
         return [_file_value_schema(inner, measured) for inner in shape if inner != {"type": "null"}]
     if not isinstance(shape, dict):

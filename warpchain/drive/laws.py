@@ -14,10 +14,9 @@ Means = Literal["parameter", "rebound"]
 
 
 def hysteretic_rebound(d: float) -> float:
-    """Speed after an impact over the speed before [-] for the hysteresis factor d, from (a).
+    """Speed after an impact over that before [-] for a hysteresis factor d, (a).
 
-    With x = d r and y = -ln(1 - x) it reads y - 1 + exp(-y) = d - ln(1 + d); the left side is convex, so Newton's
-    method descends to the root.
+    With x = d r and y = -ln(1 - x), y - 1 + exp(-y) = d - ln(1 + d), by Newton's method.
     """
     if d < 1e-4:  # both sides nearly cancel: the series of r in d
         return 1.0 - 2.0 * d / 3.0 + 4.0 * d * d / 9.0
@@ -32,7 +31,7 @@ def hysteretic_rebound(d: float) -> float:
 
 
 def kelvin_voigt_rebound(zeta: float) -> float:
-    """Speed after an impact over the speed before [-] for the damping ratio zeta, (b)."""
+    """Speed after an impact over that before [-] for a damping ratio, (b)."""
     root = math.sqrt(abs(1.0 - zeta * zeta))
     if root < 1e-6:
         return math.exp(-2.0 * zeta)
@@ -41,21 +40,21 @@ def kelvin_voigt_rebound(zeta: float) -> float:
 
 
 def _kelvin_voigt_zeta(restitution: float) -> float:
-    """Damping ratio zeta of the law for a restitution e, -ln e / sqrt(pi^2 + ln^2 e)."""
+    """Damping ratio for a restitution e, -ln e / sqrt(pi^2 + ln^2 e) [-]."""
     logarithm = math.log(restitution)
     return -logarithm / math.hypot(math.pi, logarithm)
 
 
 @dataclass(frozen=True)
 class Law:
-    """A contact law as the drive file names it.
+    """Contact law of a drive file.
 
     Attributes:
-        force: name of its function in `kernels/physics/impact.py`.
-        factor: of the restitution e, the law's own dimensionless factor (d or zeta), 0 for e = 1.
-        rebound: of that factor, the speed after an impact over the speed before; falls from 1 towards 0.
-        unit: of stiffness K [N/m^n] and mass m [kg], what the factor is multiplied by for the kernels.
-        viscous: True for a damper of constant c beside a linear spring: n must be 1, and c shortens the longest step.
+        force: its function in `kernels/physics/impact.py`.
+        factor: dimensionless factor (d or zeta) for a restitution, 0 for 1.
+        rebound: speed after an impact over that before for a factor [-].
+        unit: unit of the factor in kernels, from stiffness K [N/m^n] and mass m [kg].
+        viscous: whether a constant damper stands beside a linear spring, with n = 1.
     """
 
     force: str
@@ -81,17 +80,14 @@ LAWS = {
         viscous=True,
     ),
 }
-"""The laws by name; a new one is a function in `kernels/physics/impact.py` and a row here."""
+"""Contact laws by name."""
 
 
 def law_factor(name: str, restitution: float, means: Means = "parameter") -> float:
-    """A law's dimensionless factor for a restitution [-].
+    """Dimensionless factor of a contact law for a restitution [-].
 
     Args:
-        name: of the law.
-        restitution: e, above 0, at most 1.
-        means: "parameter" puts it into the law's own formula; "rebound" finds the factor with which a free mass
-            rebounds by just that.
+        means: "parameter" is the law's own; "rebound" that with which a free mass rebounds so.
     """
     found: float = elementwise(lambda e: _cached_law_factor(name, e, means))(restitution)
     return found

@@ -1,7 +1,4 @@
-"""Tables of speeds and torques over time or angle, of displacements over time.
-
-A drive holds the numbers; `warpchain.drive.csv_files` reads those of a file that a drive file names.
-"""
+"""Tables of a drive's speeds and torques over time or angle, and of displacements over time."""
 
 from __future__ import annotations
 
@@ -23,26 +20,26 @@ Interpolation = Annotated[Literal["linear", "cubic"], Value('must be "linear" or
 Factor = Finite
 
 TURN_TOLERANCE = 1e-3
-"""Revolutions by which the angles of a table may miss a whole number: they are rounded in files."""
+"""Revolutions by which a table's angles may miss a whole number."""
 
 MOST_ROWS = 1_000_000
 """Most rows of a table."""
 
 SAMPLES = 720
-"""Of a revolution, in the spectrum of a table over angle."""
+"""Samples of a revolution in a table's spectrum."""
 NOTABLE = 0.05
-"""Of the largest part of a spectrum: what counts as a ripple."""
+"""Least share of a spectrum's largest part that counts as a ripple [-]."""
 
 
 def slowest_ripple(spectrum: NDArray[np.complexfloating]) -> int:
-    """Periods of the slowest part of a spectrum (from 0 periods on) that is at least `NOTABLE` of the largest."""
+    """Periods of the slowest part of a spectrum with `NOTABLE` of the largest."""
     size = abs(spectrum[1:])
     return 1 + int((size >= NOTABLE * size.max()).argmax())
 
 
 @lru_cache(maxsize=64)
 def _slowest_ripple_of_column(angle: tuple[float, ...], column: tuple[float, ...], revolutions: int) -> int:
-    """`slowest_ripple` of a column over angles that span so many revolutions."""
+    """Periods of a table column's slowest ripple over so many revolutions."""
     import numpy as np  # here, since drives are read without it
 
     over = np.linspace(angle[0], angle[-1], SAMPLES * revolutions, endpoint=False)
@@ -50,15 +47,14 @@ def _slowest_ripple_of_column(angle: tuple[float, ...], column: tuple[float, ...
 
 
 class Table(Part):
-    """A quantity over time or over angle, row by row.
+    """A quantity over time or angle, row by row.
 
     Attributes:
-        time: instants [s], ascending; before the first and after the last the quantity stays as there.
-        angle: forward angle turned since the start [rad], ascending over a whole number of revolutions, after which
-            the table begins anew; the last row repeats the first row's quantity.
-        shaft: sprocket whose revolutions `angle` counts, in the ratio of teeth; None is the sprocket itself.
-        interpolation: "linear", or "cubic": a monotone cubic, smooth and never beyond its neighboring rows.
-        factor: the quantity is multiplied by it.
+        time: instants [s], ascending; outside them the quantity stays as at the nearest.
+        angle: forward angle since the start [rad] over whole revolutions, after which the table begins anew.
+        shaft: sprocket or shaft whose revolutions `angle` counts; None is the part's own.
+        interpolation: "linear", or "cubic", a monotone cubic.
+        factor: factor of the quantity.
     """
 
     time: Column | None = None
@@ -72,22 +68,22 @@ class Table(Part):
 
     @property
     def over(self) -> tuple[float, ...]:
-        """The column of times or angles, or what else the table is over."""
+        """Column that the table's quantity is over: times, angles or speeds."""
         return next(tuple(column) for key in self._axes if (column := getattr(self, key)) is not None)
 
     @property
     def values(self) -> tuple[float, ...]:
-        """The column of the quantity, multiplied by the factor."""
+        """Column of the table's quantity times its factor."""
         return tuple(self.factor * value for value in getattr(self, self._quantity))
 
     @property
     def revolutions(self) -> int:
-        """Revolutions that the angles span."""
+        """Revolutions that the table's angles span."""
         return round((self.over[-1] - self.over[0]) / (2.0 * math.pi))
 
     @property
     def slowest_order(self) -> float | None:
-        """Periods per revolution of its slowest ripple (`slowest_ripple`); None over time, or where it is constant."""
+        """Periods per revolution of the table's slowest ripple; None over time or without ripple."""
         column = getattr(self, self._quantity)
         if self.angle is None or min(column) == max(column):
             return None
@@ -126,7 +122,7 @@ class Table(Part):
 
 
 def _closing_rules(over: Any, values: Any, quantity: str) -> Iterator[Problem]:
-    """Problems of a table over angle that does not end as it begins."""
+    """Problems of a table over angle that ends unlike it begins."""
     turns = (over[-1] - over[0]) / (2.0 * math.pi)
     last = len(over) - 1
     if round(turns) < 1 or abs(turns - round(turns)) > TURN_TOLERANCE:
@@ -138,16 +134,13 @@ def _closing_rules(over: Any, values: Any, quantity: str) -> Iterator[Problem]:
 
 
 class PlaceTable(Part):
-    """Displacement of a center or of a pivot over time, row by row, and smooth between rows.
-
-    A cubic spline runs through the rows, so that neither speed nor acceleration jumps. It comes to rest at the last
-    row, and stays there; where the first row is later than 0 it has stayed there until then.
+    """Displacement of a center or pivot over time, a cubic spline that ends at rest.
 
     Attributes:
-        time: instants [s], at least 0, ascending.
-        x: displacement to the right [m], 0 in the first row; one of the two that is not given is 0 throughout.
-        y: displacement upward [m], likewise.
-        factor: the displacements are multiplied by it.
+        time: instants [s], at least 0, ascending; before the first it rests.
+        x: displacement to the right [m], 0 in the first row; None is 0.
+        y: displacement upward [m], 0 in the first row; None is 0.
+        factor: factor of the displacements.
     """
 
     time: Column
@@ -156,14 +149,14 @@ class PlaceTable(Part):
     factor: Factor = 1.0
 
     def displacement_along(self, axis: str) -> PlaceColumn | None:
-        """The displacement along "x" or "y" as a table; None where it is 0 throughout."""
+        """Displacement along "x" or "y"; None where it is 0."""
         column = getattr(self, axis)
         if column is None:
             return None
         return PlaceColumn(self.time, tuple(self.factor * place for place in column))
 
     def at(self, time: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Displacement (..., 2) [m] at instants (...) [s]."""
+        """Displacements (..., 2) [m] at instants (...) [s]."""
         within = time.clip(self.time[0], self.time[-1])
         columns = (self.displacement_along(axis) for axis in "xy")
         x, y = (0.0 * within if column is None else column.spline(within) for column in columns)
@@ -171,14 +164,14 @@ class PlaceTable(Part):
 
     @property
     def start_velocity(self) -> tuple[float, float]:
-        """Velocity at t = 0 [m/s]."""
+        """Velocity of the displacement at t = 0 [m/s]."""
         columns = (self.displacement_along(axis) for axis in "xy")
         x, y = (0.0 if column is None else float(column.spline(0.0, 1)) for column in columns)
         return (x, y) if self.time[0] == 0.0 else (0.0, 0.0)
 
     @property
     def largest_displacement(self) -> float:
-        """Largest displacement [m], or somewhat more."""
+        """Upper bound of the displacement [m]."""
         return math.hypot(*(abs(self.factor) * max(map(abs, of), default=0.0) for of in (self.x or (), self.y or ())))
 
     @classmethod
@@ -208,7 +201,7 @@ class PlaceTable(Part):
 
 @dataclass(frozen=True)
 class PlaceColumn:
-    """The displacement along one axis over time, as a table (see `PlaceTable`).
+    """Displacement along one axis over time.
 
     Attributes:
         over: instants [s].
@@ -221,7 +214,7 @@ class PlaceColumn:
 
     @property
     def spline(self) -> CubicSpline:
-        """The spline through the rows."""
+        """Spline through the displacement's rows."""
         from scipy.interpolate import CubicSpline  # here, since it takes a quarter of a second
 
         start = "not-a-knot" if self.over[0] == 0.0 else (1, 0.0)
@@ -229,7 +222,7 @@ class PlaceColumn:
 
 
 def ascending_rules(key: str, over: Any) -> Iterator[Problem]:
-    """Problem of the first number that is not above the one before."""
+    """Problem of a column's first number that does not ascend."""
     for i in range(1, len(over)):
         if over[i] <= over[i - 1]:
             yield Problem((key, i), over[i], f"must be above the element before, {over[i - 1]:g}")
@@ -237,11 +230,10 @@ def ascending_rules(key: str, over: Any) -> Iterator[Problem]:
 
 
 class SpeedTable(Table):
-    """Forward angular speed over time or over the angle turned (see `Table`).
+    """Forward angular speed over time or over the angle turned.
 
     Attributes:
-        speed: forward speed [rad/s]; over time it may be negative, backward, where the largest is positive; over angle
-            it is above 0.
+        speed: forward speed [rad/s]; over angle above 0.
     """
 
     speed: Column
@@ -264,7 +256,7 @@ class SpeedTable(Table):
 
 
 class TorqueTable(Table):
-    """Torque against forward rotation over time or over the angle turned (see `Table`).
+    """Torque against forward rotation over time or over the angle turned.
 
     Attributes:
         torque: moment against forward rotation [N m].
@@ -276,10 +268,10 @@ class TorqueTable(Table):
 
 
 class MotorTable(Table):
-    """Torque of a motor over its forward speed, over time or over the angle turned (see `Table`).
+    """Torque of a motor over its forward speed, over time or over the angle turned.
 
     Attributes:
-        speed: forward speeds [rad/s], ascending; below the first and above the last the torque stays as there.
+        speed: forward speeds [rad/s], ascending; outside them the torque stays as at the nearest.
         torque: moment in the direction of forward rotation [N m].
     """
 
@@ -291,11 +283,11 @@ class MotorTable(Table):
 
 
 class ClutchTable(Table):
-    """Moment at which a clutch or a brake slips, over time or over the magnitude of a speed (see `Table`).
+    """Moment at which a clutch or brake slips, over time or speed.
 
     Attributes:
-        speed: speeds [rad/s], at least 0 and ascending; below the first and above the last the torque stays as there.
-        torque: moment at which it slips [N m], at least 0.
+        speed: magnitudes of speed [rad/s], ascending; outside them the torque stays as at the nearest.
+        torque: moment at which it slips [N m].
     """
 
     speed: Column | None = None
@@ -327,11 +319,11 @@ class ClutchTable(Table):
 
 
 class SupplyTable(Table):
-    """Pressure of an oil supply over time, or over the forward speed of what turns the pump (see `Table`).
+    """Pressure of an oil supply over time, or over the pump's forward speed.
 
     Attributes:
-        speed: forward speeds [rad/s], ascending; below the first and above the last the pressure stays as there.
-        shaft: sprocket or shaft whose forward speed that is; None is the one that leads the chain.
+        speed: forward speeds [rad/s], ascending; outside them the pressure stays as at the nearest.
+        shaft: sprocket or shaft that turns the pump; None is the chain's leader.
         pressure: absolute pressure of the supply [Pa].
     """
 
@@ -352,4 +344,4 @@ class SupplyTable(Table):
 
 
 TABLES = (Table, PlaceTable)
-"""What holds columns of numbers."""
+"""Parts that hold columns of numbers."""

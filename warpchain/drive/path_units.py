@@ -12,10 +12,7 @@ from warpchain.drive.schema import Part
 
 @cache
 def path_unit(kind: type[Part], path: str) -> str:
-    """The unit of the value at a path of a part, such as "sprockets.camshaft.load.torque" of a drive; "" for none.
-
-    Where parts of several kinds may lie on the way, it is the unit that all of them have.
-    """
+    """Unit of the value at a key path of a part; "" for none or several."""
     kinds, owners, key, is_listed = {kind}, {kind}, "", False
     for word in path.split("."):
         if is_listed:  # the name or place of one of several parts
@@ -36,7 +33,7 @@ def path_unit(kind: type[Part], path: str) -> str:
 
 
 def _field_parts(shape: Any, listed: bool = False) -> Iterator[tuple[type[Part], bool]]:
-    """The parts that a field may hold, and whether it holds a list of them."""
+    """Parts that a field may hold, and whether as a list."""
     if isinstance(shape, type) and issubclass(shape, Part):
         yield shape, listed
         return

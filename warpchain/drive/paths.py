@@ -1,7 +1,6 @@
-"""Values of a part by key path: read, listed, and changed in a checked copy.
+"""Values of a drive's part by key path: read, listed, and changed in a checked copy.
 
-A key path joins keys by dots; an element of a list is named by its own `name` or counted from 0:
-"sprockets.camshaft.load.harmonics.0.amplitude".
+A path joins keys by dots, list elements by name or index: "sprockets.camshaft.load.harmonics.0.amplitude".
 """
 
 from __future__ import annotations
@@ -19,12 +18,12 @@ PartType = TypeVar("PartType", bound=Part)
 
 
 class _UnknownPath(Exception):
-    """Raised for a key path that leads nowhere; args: how many of its keys are known, the keys that could follow."""
+    """Raised for an unknown key path; args: known keys, keys that could follow."""
 
 
 @cache
 def _part_fields(cls: type[Part]) -> Mapping[str, type[Part]]:
-    """The fields of a part that hold parts, or lists of parts, and of which class; a union gives its first class."""
+    """Fields that hold parts or lists of parts, with the first class of each."""
 
     def search(source: Any) -> Iterator[type[Part]]:
         if isinstance(source, type) and issubclass(source, Part):
@@ -37,15 +36,15 @@ def _part_fields(cls: type[Part]) -> Mapping[str, type[Part]]:
 
 
 def _class_of(cls: type[Part], key: str, value: Any) -> type[Part] | None:
-    """The class of the part under a key, or of a list's element: its own if there is one, else the declared."""
+    """Class of the part under a key, or of a list's element."""
     return type(value) if isinstance(value, Part) else _part_fields(cls).get(key)
 
 
 def element_index(elements: Sequence[Any], key: str, depth: int) -> int:
-    """Index of the list element that `key`, at place `depth` of a path, names.
+    """Index of the list element that a key means.
 
     Raises:
-        _UnknownPath: if there is none.
+        _UnknownPath: none.
     """
     for i, element in enumerate(elements):
         if node_value(element, "name") == key:
@@ -56,7 +55,7 @@ def element_index(elements: Sequence[Any], key: str, depth: int) -> int:
 
 
 def _element_names(elements: Sequence[Any]) -> list[str]:
-    """The names of a list's elements in a path."""
+    """Names of a list's elements in a key path."""
     names = [node_value(element, "name") for element in elements]
     return [name if is_name(name) else str(i) for i, name in enumerate(names)]
 
@@ -65,7 +64,7 @@ def _element_names(elements: Sequence[Any]) -> list[str]:
 
 
 def value_at_path(part: Part, path: str) -> Any:
-    """The value at a key path of a part; None if it is optional and not given.
+    """Value of a part at a key path; None if it is optional and not given.
 
     Raises:
         DriveError: for an unknown path.
@@ -77,10 +76,10 @@ def value_at_path(part: Part, path: str) -> Any:
 
 
 def _value_below(value: Any, cls: type[Part] | None, keys: Sequence[str], depth: int) -> Any:
-    """The value at the keys from `depth` on, below a part (or the class of an absent one) or a list.
+    """Value at the keys from `depth` on below a part, its class, or a list.
 
     Raises:
-        _UnknownPath: if they lead nowhere.
+        _UnknownPath: none.
     """
     if depth == len(keys):
         return value
@@ -106,7 +105,6 @@ def settable_paths(part: Part) -> Iterator[str]:
 
 
 def _settable_below(cls: type[Part], part: Part | None, above: str) -> Iterator[str]:
-    """Every key path below a class, or a part of it, that can be set."""
     for key in cls.model_fields:
         path, value = above + key, node_value(part, key)
         yield path
@@ -121,7 +119,7 @@ def _settable_below(cls: type[Part], part: Part | None, above: str) -> Iterator[
 
 @cache
 def _is_list_field(cls: type[Part], key: str) -> bool:
-    """Whether a field is a list, such as harmonics."""
+    """Whether a field is a list."""
     return isinstance(cls.model_fields[key].default, tuple)
 
 
@@ -129,7 +127,7 @@ def _is_list_field(cls: type[Part], key: str) -> bool:
 
 
 class _EditableTable(dict[str, Any]):
-    """A part's values in a mapping to be changed, its class, and which of its keys were set."""
+    """Values of a part to be changed, and which keys were set."""
 
     def __init__(self, cls: type[Part], values: Mapping[str, Any]) -> None:
         super().__init__(values)
@@ -139,7 +137,7 @@ class _EditableTable(dict[str, Any]):
     def put(self, key: str, value: Any) -> None:
         """Sets a key, or removes it if the value is None.
 
-        Keys that stand for the same thing are removed, unless set in the same call or the value is an empty list.
+        Keys for the same thing are removed, unless set too or for an empty list.
         """
         if value is None:
             self.pop(key, None)
@@ -154,7 +152,7 @@ class _EditableTable(dict[str, Any]):
 
 
 class _EditableList(list[Any]):
-    """A list's elements to be changed, and their class."""
+    """Elements of a list to be changed, and their class."""
 
     def __init__(self, cls: type[Part] | None, values: Iterable[Any]) -> None:
         super().__init__(values)
@@ -162,10 +160,10 @@ class _EditableList(list[Any]):
 
 
 def changed_part(part: PartType, values: Mapping[str, Any]) -> PartType:
-    """A changed copy of a part, checked as a whole.
+    """Changed copy of a part, checked as a whole.
 
     Raises:
-        DriveError: for unknown paths and for values that are not allowed; one line each.
+        DriveError: one line for each unknown path or wrong value.
     """
     tree = _EditableTable(type(part), part.__dict__)
     unknown = {}
@@ -185,15 +183,15 @@ def changed_part(part: PartType, values: Mapping[str, Any]) -> PartType:
 
 
 def python_number(value: Any) -> Any:
-    """A numpy scalar as Python's own number; other values as they are."""
+    """A numpy scalar as Python's number; other values as they are."""
     return value.item() if type(value).__module__ == "numpy" and getattr(value, "ndim", 1) == 0 else value
 
 
 def _set_at_path(node: Any, keys: Sequence[str], depth: int, value: Any) -> None:
-    """Sets the value at the keys from `depth` on, making parts on their way editable.
+    """Sets the value at the keys from `depth` on.
 
     Raises:
-        _UnknownPath: if they lead nowhere.
+        _UnknownPath: none.
     """
     key, last = keys[depth], depth == len(keys) - 1
     if isinstance(node, _EditableList):
@@ -226,7 +224,7 @@ def _set_at_path(node: Any, keys: Sequence[str], depth: int, value: Any) -> None
 
 
 def _editable(node: Any, cls: type[Part] | None) -> Any:
-    """A part or list in editable form; an absent optional table as an empty one."""
+    """A part or list in editable form; None as an empty table."""
     if isinstance(node, (_EditableTable, _EditableList)):
         return node
     if isinstance(node, Part):
@@ -239,7 +237,7 @@ def _editable(node: Any, cls: type[Part] | None) -> Any:
 
 
 def _unknown_line(part: Part, path: str, depth: int, allowed: Iterable[str]) -> str:
-    """The error line of an unknown path: the nearest known key, otherwise the allowed ones."""
+    """Error line of an unknown key path, with the nearest or allowed keys."""
     close = difflib.get_close_matches(path, list(settable_paths(part)), n=1, cutoff=0.8)
     if close:
         return f"{key_text(path)}: unknown path; did you mean {close[0]}?"

@@ -1,4 +1,4 @@
-"""Quantities with units in drive files, such as "540 rpm" or "12.7 mm", and the units of keys."""
+"""Quantities with units in drive files, such as "540 rpm", and the units of keys."""
 
 from __future__ import annotations
 
@@ -12,14 +12,14 @@ from typing import NamedTuple
 
 
 class Unit(NamedTuple):
-    """A factor to SI units, a rational number times a power of pi, and powers of m, kg, s and rad."""
+    """Factor to SI units with a power of pi, and powers of m, kg, s, rad."""
 
     factor: Fraction
     pi: int = 0
     powers: tuple[int, int, int, int] = (0, 0, 0, 0)
 
     def times(self, other: Unit, power: int) -> Unit:
-        """This unit times a power of another."""
+        """The unit times a power of another."""
         powers = tuple(a + power * b for a, b in zip(self.powers, other.powers, strict=True))
         return Unit(self.factor * other.factor**power, self.pi + power * other.pi, powers)  # type: ignore[arg-type]
 
@@ -48,7 +48,7 @@ UNITS = {
     )
     for name in names.split()
 }  # fmt: skip
-"""Units by their signs."""
+"""Units by sign."""
 SPELLINGS = {
     word: sign
     for words, sign in (
@@ -62,23 +62,23 @@ SPELLINGS = {
     )
     for word in words.split()
 }  # fmt: skip
-"""Units by other spellings of files; degrees of crank and cam are degrees."""
+"""Signs of units by other spellings."""
 _SIGNS = str.maketrans("⁰¹²³⁴⁵⁶⁷⁸⁹⁻−⋅∙×", "0123456789--···")
 
 QUANTITY = re.compile(r"([+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d{1,3})?+)\s*([A-Za-z°µμ%].*?)\s*")
 LONGEST = 100
-"""Characters of a quantity, or of a unit, at most."""
+"""Most characters of a quantity."""
 FACTOR = re.compile(r"([ */·]*)([^\s*/·^\d]+)\^?(-?\d{0,2})")
 
 
 def match_quantity(text: str) -> re.Match[str] | None:
-    """The match of a number and a unit by `QUANTITY`; None for another text, or one longer than `LONGEST`."""
+    """Match of a number and a unit; None for another text."""
     return QUANTITY.fullmatch(text) if len(text) <= LONGEST else None
 
 
 @cache
 def unit_of_text(text: str) -> Unit | None:
-    """The unit that a text such as "N s/m" or "kg m^2" means, each slash dividing by what follows; None for none."""
+    """Unit that a text such as "N s/m" means; None for none."""
     if len(text) > LONGEST:
         return None
     text = re.sub(r"[ *]+|(?<=[A-Za-z])\.(?=[A-Za-z])", "·", text.strip().translate(_SIGNS))
@@ -94,7 +94,7 @@ def unit_of_text(text: str) -> Unit | None:
 
 @cache
 def attribute_descriptions(kind: type) -> dict[str, str]:
-    """Descriptions of attributes in the docstrings of a class, its bases and the part it overrides, by name."""
+    """Descriptions of a part's keys in the docstrings of its classes."""
     found: dict[str, str] = {}
     like = getattr(kind, "_like", None) or object
     for base in (*reversed(like.__mro__), *reversed(kind.__mro__)):
@@ -107,13 +107,13 @@ def attribute_descriptions(kind: type) -> dict[str, str]:
 
 @cache
 def unit_of_key(kind: type, key: str) -> str:
-    """The unit of a part's key, in brackets in its docstring; "" for none."""
+    """Unit of a part's key in its docstring's brackets; "" for none."""
     named = re.search(r"\[([^\]]+)\]", attribute_descriptions(kind).get(key, ""))
     return named[1] if named and unit_of_text(named[1]) else ""
 
 
 def equivalent_units(wanted: str) -> Iterator[str]:
-    """Signs of units that measure the same as `wanted`, that one first."""
+    """Signs of units for the same quantity, `wanted` first."""
     powers = (unit_of_text(wanted) or ONE).powers
     yield from dict.fromkeys(
         [wanted, *(name for name, one in UNITS.items() if one.powers == powers and name.isascii())]
@@ -121,7 +121,7 @@ def equivalent_units(wanted: str) -> Iterator[str]:
 
 
 def unit_factor(given: str, wanted: str) -> float | None:
-    """The factor that turns a number in one unit into one in another; None where there is none."""
+    """Factor from one unit to another; None where they differ in kind."""
     one, other = unit_of_text(given), unit_of_text(wanted)
     if one is None or other is None or one.powers != other.powers:
         return None
@@ -129,11 +129,7 @@ def unit_factor(given: str, wanted: str) -> float | None:
 
 
 def converted_number(text: str, wanted: str) -> float | None:
-    """The number of a quantity in the unit `wanted`, infinite beyond all floats; None for a unit of another kind.
-
-    Args:
-        text: such as "540 rpm", which `match_quantity` matches.
-    """
+    """Number of a quantity in a unit, infinite beyond floats; None for a unit of another kind."""
     match, to = match_quantity(text), unit_of_text(wanted)
     given = unit_of_text(match[2]) if match else None
     if match is None or to is None or given is None or given.powers != to.powers:

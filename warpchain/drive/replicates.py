@@ -17,9 +17,9 @@ CopyCount = Annotated[
     int, AllowedRange(f"a whole number from 1 to {MOST_COPIES}", lambda count: 1 <= count <= MOST_COPIES)
 ]
 REPLICATE_WAYS = ("build", "phase", "perturbation")
-"""Ways in which copies of a drive can differ; the first where none is named."""
+"""Initial states in which copies of a drive can differ, the default first."""
 FORMER_WAYS = {"nudge": "perturbation"}
-"""Words for ways of earlier versions, which study files may have, and today's words."""
+"""Former names of these."""
 
 
 @check_arguments(SimulationError, "replicates.")
@@ -28,11 +28,11 @@ class Replicates:
     """Number of runs of each drive, and what they differ in.
 
     Attributes:
-        count: copies of each, the drive as it is among them.
+        count: copies, the drive itself among them.
         by: "build", "phase" or "perturbation".
 
     Raises:
-        SimulationError: a count that is not allowed, or an unknown way.
+        SimulationError: wrong count or unknown way.
     """
 
     count: CopyCount = 1
@@ -44,11 +44,7 @@ class Replicates:
 
 
 def copy_phase(copy: int) -> float:
-    """Teeth by which a numbered copy has turned on, from -0.5 to below 0.5 (van der Corput's sequence).
-
-    It is 0, 1/2, 1/4, 3/4, ...: 2, 4, 8, ... copies are equally spaced, and a further one does not move those before
-    it.
-    """
+    """Teeth by which a numbered copy of a drive has turned on, -0.5 to 0.5 (van der Corput's sequence)."""
     share, part = 0.0, 0.5
     while copy:
         share += part * (copy & 1)
@@ -57,11 +53,7 @@ def copy_phase(copy: int) -> float:
 
 
 def numbered_copies(drives: Sequence[Drive], numbers: Sequence[int], by: str = REPLICATE_WAYS[0]) -> list[Drive]:
-    """One copy of each drive, by its number; number 0 is the drive itself.
-
-    Args:
-        by: "build", "phase" or "perturbation".
-    """
+    """Copy of each drive by number, 0 the drive itself."""
     known: dict[tuple[int, int], RunSettings] = {}
     found = []
     for drive, number in zip(drives, numbers, strict=True):
@@ -76,7 +68,7 @@ def numbered_copies(drives: Sequence[Drive], numbers: Sequence[int], by: str = R
 
 
 def all_copies(drives: Sequence[Drive], replicates: Replicates) -> list[Drive]:
-    """All copies of all drives, those of one drive one after the other."""
+    """All copies of all drives, by drive."""
     count = replicates.count
     if count == 1:
         return list(drives)
@@ -85,7 +77,7 @@ def all_copies(drives: Sequence[Drive], replicates: Replicates) -> list[Drive]:
 
 
 def _copy_run_settings(run: RunSettings, number: int, by: str) -> RunSettings:
-    """Run settings of a numbered copy, which begin another way."""
+    """Run settings of a numbered copy of a drive."""
     if FORMER_WAYS.get(by, by) == "perturbation":
         return run.model_copy(update={"perturbation": (run.perturbation or 0) + number})
     phase = (run.phase or 0.0) + copy_phase(number)

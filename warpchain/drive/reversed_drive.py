@@ -1,11 +1,10 @@
 """A drive that runs the other way: every sprocket turns against its `wrap`, the chain visits them in opposite order.
 
-Nothing moves from its place. A load that stores energy over the angle, as cams do, has the moment M(phi) = dE/dphi
-against forward rotation; against the other way, phi' = -phi, it is dE/dphi', so that each of its harmonics becomes
+Loads that store energy over the angle, as cams do, have M(phi) = dE/dphi; with phi' = -phi,
 
     M_h cos(h phi + psi)  ->  M_h cos(h phi' + pi - psi).                                                           (a)
 
-A fluctuation of speed goes by the place alone: cos(h phi' - psi). Tables go on as they are written.
+Fluctuations of speed become cos(h phi' - psi); tables stay.
 """
 
 from __future__ import annotations
@@ -26,7 +25,7 @@ def reversed_drive(drive: Drive) -> Drive:
     """The drive as it runs backward.
 
     Raises:
-        DriveError: a shaft without sprockets, for which no drive file says which way is forward.
+        DriveError: a shaft without sprockets.
     """
     on = {sprocket.shaft for sprocket in drive.sprockets}
     bare = next((shaft.name for shaft in drive.shafts if shaft.name not in on), None)
@@ -38,12 +37,12 @@ def reversed_drive(drive: Drive) -> Drive:
 
 
 def _opposite_wrap(sprocket: Sprocket) -> dict[str, Any]:
-    """The key `wrap` of a sprocket that turns the other way."""
+    """Key `wrap` of a sprocket that turns the other way."""
     return {"wrap": "cw" if sprocket.wrap == "ccw" else "ccw"}
 
 
 def _reversed_part(part: TurningPart, changes: dict[str, Any]) -> TurningPart:
-    """A sprocket or a shaft with other values and the harmonics of its motion and load mirrored, (a)."""
+    """A sprocket or shaft with its harmonics mirrored, (a)."""
     found: dict[str, Any] = dict(changes)
     if part.load is not None:
         found["load"] = _mirrored_motion(part.load, math.pi)
@@ -53,6 +52,6 @@ def _reversed_part(part: TurningPart, changes: dict[str, Any]) -> TurningPart:
 
 
 def _mirrored_motion(motion: HarmonicMotion, shift: float) -> HarmonicMotion:
-    """A motion or load whose harmonics have the phase `shift` less their own."""
+    """A motion or load with the phases `shift` less its own."""
     harmonics = tuple(h.model_copy(update={"phase": shift - h.phase}) for h in motion.harmonics)
     return motion.model_copy(update={"harmonics": harmonics})

@@ -1,4 +1,4 @@
-"""Settings of a run: steps, sampling, initial state; and probes, places at which the passing chain is sensed."""
+"""Settings of a drive's run: steps, sampling, initial state; and probes, places that sense the chain."""
 
 from __future__ import annotations
 
@@ -22,19 +22,16 @@ class RunSettings(Part):
     """Settings of a run.
 
     Attributes:
-        settle: find the static equilibrium before the first step.
-        start: the run is a start, and its window at rest or in a run-up on purpose: limits that hold only after a start
-            do not judge it (`warpchain.results.judgement`); it changes nothing of the motion.
+        settle: find static equilibrium before the first step.
+        start: the run is a start; limits for steady running do not judge it.
         duration: simulated time [s].
-        step: time step [s], at most the duration; or "auto".
+        step: time step [s]; or "auto".
         integrator: "leapfrog" or "rk4".
-        sample_rate: samples of trajectories a second [Hz]; the sampling interval is rounded to whole steps.
+        sample_rate: samples of trajectories a second [Hz].
         gravity: acceleration of gravity [m/s^2].
-        phase: how far the drive has turned on at the start, in teeth of the driver [-]; what goes by the angle of a
-            shaft (harmonics, tables over angle) goes with it.
-        seating: seed of where rollers lie before the chain settles, off where they are assembled by up to the clearance
-            of the narrowest tooth gap; None is by nothing.
-        perturbation: seed of a displacement of every roller by some 1e-9 pitches before the first step; None is none.
+        phase: teeth of the driver by which the drive, with its harmonics and tables, starts turned on [-].
+        seating: seed of rollers' initial places within the clearance; None is none.
+        perturbation: seed of initial displacements of rollers by some 1e-9 pitches; None is none.
     """
 
     settle: Switch = True
@@ -58,13 +55,13 @@ class RunSettings(Part):
 
 
 class Probe(Part):
-    """A place at which the chain that passes is looked at; it changes nothing of the motion.
+    """A place at which the passing chain is sensed.
 
     Attributes:
         name: unique among all parts.
-        at: its place [m].
-        radius: how near the chain must come to be seen [m]; None is a pitch.
-        chain: name of the chain that it looks at, where there are several.
+        at: place [m].
+        radius: distance at which the chain is sensed [m]; None is a pitch.
+        chain: chain that it senses, where there are several.
     """
 
     name: Name

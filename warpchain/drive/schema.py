@@ -32,13 +32,13 @@ from warpchain.errors import drive_error
 
 @dataclass(frozen=True)
 class Allowed:
-    """The sentence on allowed values of a table or a list of tables."""
+    """Error sentence on allowed values of a table or list of tables."""
 
     text: str
 
 
 class Value(Allowed):
-    """The sentence on allowed values of a single value, which replaces the validator's own message."""
+    """Error sentence on allowed values of a single value."""
 
     def __get_pydantic_core_schema__(self, source: Any, handler: GetCoreSchemaHandler) -> CoreSchema:
         inner = core_schema.custom_error_schema(
@@ -48,7 +48,7 @@ class Value(Allowed):
 
 
 HUGE = 1e30
-"""Numbers beyond come from a mistake, and their powers are beyond all numbers."""
+"""Largest magnitude of a drive file's numbers."""
 
 
 def _check_magnitude(value: Any) -> Any:
@@ -64,11 +64,11 @@ def _check_magnitude(value: Any) -> Any:
 
 
 WRONG, BARE = "wrong_value", "bare_key"
-"""Kinds of error: shown with the value that is wrong, or with the key path alone (something is missing)."""
+"""Kinds of error lines: with the wrong value, or with the key path alone."""
 
 
 def plain_sequence(value: Any) -> Any:
-    """Lists and numpy arrays as tuples; other values as they are."""
+    """Lists and numpy arrays as tuples."""
     if isinstance(value, list):
         return tuple(value)
     return tuple(value.tolist()) if getattr(value, "ndim", 0) == 1 else value
@@ -153,7 +153,7 @@ Column = Annotated[
 
 
 class Problem(NamedTuple):
-    """One error: where (keys and list indices), the value there, the sentence, and the kind of error."""
+    """One error of a drive file: key path, value, sentence, kind."""
 
     path: tuple[str | int, ...]
     value: Any
@@ -161,16 +161,16 @@ class Problem(NamedTuple):
     kind: str = WRONG
 
     def nested_under(self, *keys: str | int) -> Problem:
-        """The problem with `keys` of the parts that hold this one put in front of its path."""
+        """The problem with `keys` put in front of its path."""
         return self._replace(path=(*keys, *self.path))
 
 
 Rule = Callable[[Any], Iterable[Problem]]
-"""Errors of a part, or of the mapping that should become one."""
+"""Yields errors of a part, or of a mapping that should become one."""
 
 
 def node_value(node: Any, key: str) -> Any:
-    """The value of a key in a part, in a model of parts, or in a mapping to become one; None where there is none."""
+    """Value of a key in a part, model or mapping; None without one."""
     kind: Any = type(node)
     part, mapping = _part_or_mapping(kind)
     if part:
@@ -180,12 +180,12 @@ def node_value(node: Any, key: str) -> Any:
 
 @cache
 def _part_or_mapping(kind: type) -> tuple[bool, bool]:
-    """Whether values of a type are parts or models of parts, and whether they are mappings."""
+    """Whether values of a type are parts or models of parts, and whether mappings."""
     return issubclass(kind, Part) or is_dataclass(kind), issubclass(kind, Mapping)
 
 
 def node_list(node: Any, key: str) -> Sequence[Any]:
-    """The list under a key, empty where there is none."""
+    """List under a key, empty without one."""
     value = node_value(node, key)
     if type(value) is tuple:
         return value
@@ -200,11 +200,11 @@ def are_numbers(*values: Any) -> bool:
 
 
 FARTHEST = 1e4
-"""No drive reaches farther [m]; numbers beyond come from a mistake, and would take hours of links to count."""
+"""Farthest place of a drive [m]."""
 
 
 def place_rule(path: tuple[str | int, ...], point: Any) -> Iterator[Problem]:
-    """Problem of a place beyond the farthest that a drive may reach."""
+    """Problem of a place beyond `FARTHEST`."""
     if not isinstance(point, (list, tuple)):
         return
     for x in point:
@@ -214,14 +214,14 @@ def place_rule(path: tuple[str | int, ...], point: Any) -> Iterator[Problem]:
 
 
 def nearest_key_text(key: str, known: Iterable[str], most: int | None = None) -> str:
-    """The end of a sentence about an unknown key: the nearest known one, otherwise all, or the first `most`."""
+    """End of an error sentence with the nearest known keys, or the first `most`."""
     names = list(known)
     close = difflib.get_close_matches(key, names, n=1)
     return f"did you mean {close[0]}?" if close else f"allowed are {names_text(names, most or len(names))}"
 
 
 def names_text(names: Iterable[str], most: int) -> str:
-    """The first names for a message, and how many more there are."""
+    """The first names for a message, and how many more."""
     names = list(names)
     return ", ".join(names[:most]) + (f" and {len(names) - most} more" if len(names) > most else "")
 
@@ -247,26 +247,26 @@ PartType = TypeVar("PartType", bound="Part")
 
 
 class Part(BaseModel):
-    """A table of the drive file: immutable, compared and hashed by value.
+    """A table of a drive or study file: immutable, compared and hashed by value.
 
     Raises:
-        DriveError: if a value is missing, unknown or not allowed; one line for each.
+        DriveError: one line for each value that is missing, unknown or not allowed.
     """
 
     model_config = ConfigDict(frozen=True, extra="forbid")
 
     _replaces: ClassVar[Mapping[str, tuple[str, ...]]] = {}
-    """Keys that give way when a key is set in `Drive.with_values`, because they stand for the same thing."""
+    """Keys that setting a key removes, as they stand for the same."""
     _renamed: ClassVar[Mapping[str, str]] = {}
-    """Keys that earlier versions wrote, and the keys that they are now."""
+    """Present names of former keys."""
     _elsewhere: ClassVar[Mapping[str, str]] = {}
-    """Keys that it does not have, and how they are given instead."""
+    """Keys that the part lacks, and how they are given instead."""
     _like: ClassVar[type[Part] | None] = None
-    """The part that its keys override, where it is described."""
+    """Part whose keys it overrides."""
     _quantities: ClassVar[frozenset[str]] = frozenset()
-    """Keys whose unit other values say, see `_unit`."""
+    """Keys whose unit other values give."""
     _judged: ClassVar[frozenset[str] | None] = None
-    """Keys of the numbers whose size the rules depend on, not only whether they are given; None is any."""
+    """Keys of the numbers that its rules compare; None is any."""
 
     if not TYPE_CHECKING:  # the type checker derives the signature from the fields
 
@@ -282,18 +282,18 @@ class Part(BaseModel):
 
     @classmethod
     def _source(cls) -> str:
-        """The beginning of error lines of a part on its own."""
+        """Prefix of the part's error lines."""
         return cls.__name__
 
     @classmethod
     def _places(cls, values: Any) -> Callable[[Sequence[str | int]], str]:
-        """A function that words the key paths of error lines."""
+        """Function that words key paths in error lines."""
         known = dict[int, Counter[str]]()
         return lambda path: path_text(path, values, known)
 
     @classmethod
     def _with_current_keys(cls, values: Any) -> Any:
-        """The values, with keys that earlier versions wrote under their present names."""
+        """Values of a part with former keys renamed."""
         if not isinstance(values, Mapping) or cls._renamed.keys().isdisjoint(values):
             return values
         now = {key: cls._renamed.get(key, key) for key in values}
@@ -301,12 +301,12 @@ class Part(BaseModel):
 
     @classmethod
     def _unit(cls, key: str, values: Mapping[str, Any]) -> str:
-        """The unit of a key's numbers, "" for none; that of its docstring, unless other values give it."""
+        """Unit of a key's numbers, "" for none."""
         return unit_of_key(cls, key)
 
     @classmethod
     def _values_in_units(cls, values: Any) -> tuple[Any, list[Problem]]:
-        """The values, with numbers for quantities such as "540 rpm", and problems of their units."""
+        """Values of a part with quantities as numbers, and problems of their units."""
         problems: list[Problem] = []
 
         def number(value: Any, key: str, path: tuple[str | int, ...]) -> Any:
@@ -338,26 +338,26 @@ class Part(BaseModel):
 
     @classmethod
     def _complete_values(cls, values: Any) -> Any:
-        """The values, with those that follow from others."""
+        """Values of a part with those that follow from others."""
         return values
 
     @classmethod
     def _rules(cls, node: Any) -> Iterable[Problem]:
-        """Errors that concern several values; `node` is the part, or a mapping if single values are wrong."""
+        """Problems of several values of the part, or of a mapping where single ones are wrong."""
         return ()
 
     @classmethod
     def _number_rules(cls, changed: Mapping[str, Any]) -> Sequence[Rule]:
-        """The rules that a part can break by other numbers for some of its own.
+        """Rules of the part that other numbers can break.
 
         Args:
-            changed: under which keys they are, in parts and lists within by the keys and places there, and so on.
+            changed: keys and list indices of the numbers, nested.
         """
         return (cls._rules,) if cls._judged is None or not cls._judged.isdisjoint(changed) else ()
 
     @classmethod
     def _missing_key_problem(cls, key: str, node: Any) -> Problem:
-        """The problem of a required key that is absent."""
+        """Problem of a missing key."""
         return Problem((key,), None, f"missing; {allowed_text(cls, key)}", BARE)
 
     @model_validator(mode="wrap")
@@ -387,7 +387,7 @@ class Part(BaseModel):
 
     @classmethod
     def _problem(cls, detail: Any, values: Any) -> Problem:
-        """A validator's error as a problem in this part's own words."""
+        """A validator's error as a problem of the part."""
         path, value, kind = detail["loc"], detail["input"], detail["type"]
         if not path:
             return Problem((), value, "must be a table")
@@ -425,7 +425,7 @@ def allowed_text(cls: type[Part], key: str) -> str:
 
 
 def valid_part(cls: type[PartType], value: Any) -> PartType | None:
-    """The part, if the value is one or makes one without error; otherwise None."""
+    """Part of a valid value; otherwise None."""
     if isinstance(value, cls):
         return value
     try:
@@ -438,9 +438,9 @@ def valid_part(cls: type[PartType], value: Any) -> PartType | None:
 
 
 def path_text(path: Sequence[str | int], values: Any, known: dict[int, Counter[str]]) -> str:
-    """A key path as the user writes it: elements of a list by their name if that is usable, else by their index.
+    """Key path as users write it, list elements by usable name, else by index.
 
-    `known` keeps how often each name is in each list of the values.
+    `known` caches counts of names by list.
     """
     words: list[str] = []
     node = values
@@ -460,7 +460,7 @@ def path_text(path: Sequence[str | int], values: Any, known: dict[int, Counter[s
 
 
 def error_lines(error: ValidationError, place: Callable[[Sequence[str | int]], str]) -> list[str]:
-    """The lines of a validation error: `key.path = value: what is allowed`."""
+    """Lines `key.path = value: what is allowed` of a validation error."""
     lines = []
     for detail in error.errors(include_url=False, include_context=False):
         shown = "" if detail["type"] == BARE else f" = {value_text(detail['input'])}"

@@ -1,12 +1,11 @@
 """Shafts that sprockets turn with, gear pairs, couplings, motors.
 
-A shaft is one coordinate q with an inertia J, a motion or a load and a motor; sprockets on it turn with it, theta =
-theta_0 + q, theta_0 where the chain seats. Forward is the way the chain turns it, else counter-clockwise. A gear pair
-ties two shafts, q_b = e (z_a / z_b) q_a, e = -1, or +1 with an internal gear. Shafts so tied turn as one, each rho
-times as fast, (sum rho^2 J) q'' = sum rho (moments). A coupling passes on M = k d + c d', d its twist q_a - q_b
-beyond +-b, within which neither spring nor damper acts. A gearbox is a coupling with ratios i that change: its twist is
-q_a - i q_b since the ratio engaged, and b gets i M. A clutch bears so much of M and slips beyond. A freewheel bears
-M only where a drives b forward. The ground may be a: then a clutch is a brake, and a freewheel a backstop.
+A shaft is one coordinate q with an inertia J; sprockets on it have theta = theta_0 + q. Forward is the way the chain
+turns it, else counter-clockwise. A gear pair ties q_b = e (z_a / z_b) q_a, e = -1, or +1 with an internal gear; shafts
+so tied, each rho times as fast, turn as one, (sum rho^2 J) q'' = sum rho (moments). A coupling passes on M = k d + c
+d', d its twist q_a - q_b beyond the lash +-b; with ratios i, d is of q_a - i q_b since the ratio engaged, and b gets i
+M. A clutch slips at its torque; a freewheel passes on only what drives b forward. With the ground as a they are a brake
+and a backstop.
 """
 
 from __future__ import annotations
@@ -44,7 +43,7 @@ Names = Annotated[
     Value("must be two names of shafts or sprockets [a, b]"),
 ]
 FIXED = "ground"
-"""The name in `between` of what does not turn."""
+"""Name of the ground in a coupling's `between`."""
 _GearTeeth = Annotated[int, Field(strict=True, ge=5, le=MOST_TEETH)]
 TeethPair = Annotated[
     tuple[_GearTeeth, _GearTeeth],
@@ -55,7 +54,7 @@ TeethPair = Annotated[
 
 
 def steepest_slope(table: Table, sign: float | None = None) -> float:
-    """Steepest slope of a table: rising (`sign` 1.0), falling (-1.0), or either; at least 0."""
+    """Steepest slope of a table: rising (`sign` 1.0), falling (-1.0), or either."""
     rows = list(zip(table.over, table.values, strict=True))
     slopes = [(n - m) / (w - v) for (v, m), (w, n) in pairwise(rows)]
     steepest = max(0.0, *(abs(slope) if sign is None else sign * slope for slope in slopes))
@@ -63,12 +62,12 @@ def steepest_slope(table: Table, sign: float | None = None) -> float:
 
 
 class Governor(Part):
-    """A loop that keeps a motor, or a rider, near a speed: it multiplies the moment by 1 + (speed - omega) / band.
+    """Governor of a motor: multiplies its moment by 1 + (speed - omega) / band.
 
     Attributes:
-        speed: forward speed at which the moment is as given [rad/s].
-        band: so much faster the moment is 0 [rad/s].
-        most: largest factor, where it is slower; at least 1.
+        speed: forward speed at which the factor is 1 [rad/s].
+        band: further speed at which the moment is 0 [rad/s].
+        most: largest factor.
     """
 
     speed: Positive
@@ -78,19 +77,19 @@ class Governor(Part):
     )
 
     def factor(self, speed: Any) -> Any:
-        """The factor at a forward speed [rad/s]."""
+        """Factor of the moment at a forward speed [rad/s]."""
         return minimum(maximum(1.0 + (self.speed - speed) / self.band, 0.0), self.most)
 
 
 class Motor(Part):
-    """A moment in the direction of forward rotation.
+    """Motor: a moment in the direction of forward rotation.
 
     Attributes:
-        torque: constant, or the largest [N m]; this or a table.
-        power: largest power [W], beyond which the moment falls with the speed.
+        torque: constant, or largest, moment [N m]; this or a table.
+        power: largest power [W].
         table: torque over forward speed, time or the angle turned.
-        governor: speed near which a loop keeps it; None is none.
-        ramp_time: time over which it comes on [s]; 0 is from the start.
+        governor: governor of its speed; None is none.
+        ramp_time: time over which the moment comes on [s].
     """
 
     torque: Positive | None = None
@@ -100,7 +99,7 @@ class Motor(Part):
     ramp_time: NonNegative = 0.0
 
     def at(self, speed: Any) -> Any:
-        """The moment [N m] at a forward speed [rad/s], once on; the mean of a table over time or angle."""
+        """Moment of the motor [N m] at a forward speed [rad/s], a table's mean."""
         import numpy as np
 
         torque: Any = self.torque
@@ -116,7 +115,7 @@ class Motor(Part):
         return torque
 
     def bounds(self, speed: Any) -> tuple[Any, Any]:
-        """The least and the largest moment [N m] at a forward speed [rad/s]: of a table over time or angle."""
+        """Least and largest moment of the motor [N m] at a forward speed [rad/s]."""
         if self.table is None or self.table.speed is not None:
             return self.at(speed), self.at(speed)
         factor = 1.0 if self.governor is None else self.governor.factor(speed)
@@ -124,13 +123,13 @@ class Motor(Part):
 
     @property
     def largest_moment(self) -> Any:
-        """Largest moment, either way [N m]."""
+        """Largest magnitude of the motor's moment [N m]."""
         given: Any = self.torque if self.table is None else max(map(abs, self.table.values))
         return given if self.governor is None else self.governor.most * given
 
     @property
     def steepest_fall(self) -> float:
-        """Steepest fall of the moment with the speed [N m s]."""
+        """Steepest fall of the motor's moment with speed [N m s]."""
         fall = 0.0
         if self.table is not None and self.table.speed is not None:
             fall = steepest_slope(self.table, -1.0)
@@ -151,16 +150,15 @@ class Motor(Part):
 
 
 class Shaft(Part):
-    """A shaft: what turns as one, with or without sprockets on it.
+    """A shaft, with or without sprockets on it.
 
     Attributes:
         name: unique among all parts.
-        inertia: its moment of inertia, without its sprockets' own [kg m^2]; needed unless prescribed, of several chains
-            unless one of its sprockets has one.
-        prescribed: its motion, if that is given.
+        inertia: moment of inertia without its sprockets' [kg m^2]; needed unless prescribed or a sprocket's is given.
+        prescribed: prescribed motion.
         load: moment against forward rotation.
         motor: moment in the direction of forward rotation.
-        initial_speed: forward speed at the start [rad/s]; None follows from what it is tied to, else rest.
+        initial_speed: forward speed at the start [rad/s]; None follows from ties, else rest.
     """
 
     name: Name
@@ -180,14 +178,14 @@ class Shaft(Part):
 
 
 class Gear(Part):
-    """A gear pair that ties two shafts by teeth; a sprocket's name stands for the shaft of its own.
+    """A gear pair between two shafts, or sprockets with their own.
 
     Attributes:
         name: unique among all parts.
         between: the two shafts, a and b.
-        teeth: teeth of the gear on each, z_a and z_b.
-        module: module of the teeth, pitch diameter over their number [m].
-        internal: true where one is an internal gear, so that both turn the same way.
+        teeth: teeth of both gears, z_a and z_b.
+        module: module, pitch diameter over teeth [m].
+        internal: whether one is an internal gear.
     """
 
     name: Name
@@ -202,17 +200,15 @@ class Gear(Part):
 
 
 LEAST_RATIO, MOST_RATIO = 0.01, 100.0
-"""Magnitudes of a gearbox's ratios."""
+"""Least and largest magnitude of a gearbox's ratios [-]."""
 
 
 class Ratios(Part):
-    """The ratios of a gearbox, each from its time until that of the next; it engages there without twist.
-
-    Stiffness, damping and lash of the coupling are those at a.
+    """Ratios of a gearbox over time; stiffness, damping and lash are at a.
 
     Attributes:
-        time: when each is engaged [s], the first at 0, ascending.
-        ratio: speed of a over that of b, negative where they turn against each other; 0 between gears: open.
+        time: instants at which each engages [s], from 0, ascending.
+        ratio: speed of a over b's, signed; 0 is open.
     """
 
     time: Column
@@ -242,11 +238,11 @@ class Ratios(Part):
 
 
 class Clutch(Part):
-    """The moment that a coupling bears before it slips.
+    """A clutch of a coupling: the moment at which it slips.
 
     Attributes:
-        torque: constant [N m]; this or a table.
-        table: torque over time, as the clutch is let in and out, or over the speed of a, to the ground that of b.
+        torque: constant moment [N m]; this or a table.
+        table: torque over time, or over the speed of a; with the ground, of b.
     """
 
     torque: Positive | None = None
@@ -254,12 +250,12 @@ class Clutch(Part):
 
     @property
     def largest_moment(self) -> float:
-        """The largest moment that it bears [N m]."""
+        """Largest moment of the clutch [N m]."""
         return max(self.table.values) if self.table is not None else self.torque or 0.0
 
     @property
     def steepest_change(self) -> float:
-        """Steepest change of what it bears with the speed [N m s]."""
+        """Steepest change of the clutch's moment with speed [N m s]."""
         return 0.0 if self.table is None or self.table.speed is None else steepest_slope(self.table)
 
     @classmethod
@@ -272,18 +268,17 @@ class Clutch(Part):
 
 
 class Coupling(Part):
-    """A spring and a damper with play between two shafts, or between a shaft and a sprocket on it: a gearbox, a clutch,
-    a freewheel; with the ground a brake, a backstop.
+    """A coupling: spring and damper with play between two shafts or sprockets, or to the ground.
 
     Attributes:
         name: unique among all parts.
         between: the two, a and b; a may be "ground".
-        stiffness: k [N m/rad].
-        damping: c [N m s/rad].
-        lash: play to either side of the middle, b [rad].
-        ratios: ratios of a gearbox over time; None is 1 throughout.
-        clutch: what it bears before it slips; None never slips.
-        freewheel: true where a only drives b forward, and b may turn faster; of the ground, b does not turn backward.
+        stiffness: torsional stiffness, k [N m/rad].
+        damping: torsional damping, c [N m s/rad].
+        lash: play to either side, b [rad].
+        ratios: gearbox ratios over time; None is 1.
+        clutch: moment at which it slips; None never slips.
+        freewheel: a only drives b forward, and b may turn faster; of the ground, b does not turn backward.
     """
 
     name: Name
@@ -297,17 +292,17 @@ class Coupling(Part):
 
     @property
     def is_grounded(self) -> bool:
-        """Whether it is between the ground and b."""
+        """Whether the coupling is with the ground."""
         return self.between[0] == FIXED
 
     @property
     def slips(self) -> bool:
-        """Whether it has a clutch, or ratios."""
+        """Whether the coupling has a clutch or ratios."""
         return self.clutch is not None or self.ratios is not None
 
     @property
     def largest_ratio(self) -> float:
-        """The largest magnitude of its ratios."""
+        """Largest magnitude of the coupling's ratios [-]."""
         return 1.0 if self.ratios is None else max(map(abs, self.ratios.ratio))
 
     @classmethod

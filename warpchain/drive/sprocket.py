@@ -31,20 +31,19 @@ from warpchain.drive.schema import (
 Teeth = Annotated[int, Field(strict=True, ge=5), Value("must be an integer of at least 5")]
 Wrap = Annotated[Literal["ccw", "cw"], Value('must be "ccw" or "cw"')]
 MOST_TEETH = 1_000_000
-"""Largest number of teeth: beyond it a file is surely mistaken."""
+"""Most teeth of a sprocket."""
 
 _HARMONICS = Allowed("must be a list of { order, amplitude, phase }")
 
 
 class Harmonic(Part):
-    """One harmonic of a motion or a load.
+    """One harmonic of a motion or load.
 
     Attributes:
-        order: times per revolution of the sprocket itself [-], > 0; halves occur in four-stroke engines.
-        amplitude: share of the mean speed [-] in a prescribed motion, a torque [N m] in a load.
-        phase: phase at the sprocket's initial angle [rad].
-        shaft: sprocket whose revolutions `order` counts, in the ratio of teeth (engine orders); None is the sprocket
-            itself.
+        order: periods per revolution [-]; four-stroke engines have halves.
+        amplitude: share of the mean speed [-] in a prescribed motion, torque [N m] in a load.
+        phase: phase at the initial angle [rad].
+        shaft: sprocket or shaft whose revolutions `order` counts; None is the part's own.
     """
 
     order: Positive
@@ -54,12 +53,12 @@ class Harmonic(Part):
 
 
 class Prescribed(Part):
-    """A motion that nothing disturbs: speed (1 + sum of a_h cos(h phi + psi_h)), after a smooth start.
+    """A prescribed motion: speed (1 + sum of a_h cos(h phi + psi_h)), after a smooth start.
 
     Attributes:
-        speed: mean angular speed [rad/s], >= 0; its sense is the sprocket's `wrap`; this or a table.
-        table: speed over time or over the angle turned: run-up, coast-down, measured fluctuation.
-        ramp_time: time to reach that speed from rest [s]; 0 is at speed from the start; not with a table.
+        speed: mean speed in the sense of `wrap` [rad/s]; this or a table.
+        table: speed over time or over the angle turned.
+        ramp_time: time to reach the speed from rest [s]; not with a table.
         harmonics: speed fluctuation.
     """
 
@@ -73,7 +72,7 @@ class Prescribed(Part):
 
     @property
     def top_speed(self) -> float:
-        """The speed [rad/s], or the highest of the table: what reports call the drive's speed."""
+        """Speed of the prescribed motion, or its table's highest [rad/s]."""
         if self.speed is not None:
             return self.speed
         assert self.table is not None  # the rule below
@@ -95,11 +94,11 @@ class Load(Part):
 
     Attributes:
         torque: constant part [N m].
-        table: a torque over time or over the angle turned, which adds to the rest.
-        viscous: torque over angular speed [N m s], >= 0.
-        quadratic: torque over its square [N m s^2], >= 0, as of a propeller.
-        ramp_time: time over which the load comes on [s]; 0 is from the start.
-        harmonics: torque harmonics, as of cams and fuel pumps.
+        table: torque over time or over the angle turned, in addition.
+        viscous: torque over speed [N m s].
+        quadratic: torque over the square of speed [N m s^2].
+        ramp_time: time over which the load comes on [s].
+        harmonics: torque harmonics.
     """
 
     torque: Finite = 0.0
@@ -110,17 +109,17 @@ class Load(Part):
     harmonics: Annotated[tuple[Harmonic, ...], _HARMONICS] = ()
 
     def steady_moment(self, speed: float) -> float:
-        """The moment [N m] at an angular speed [rad/s], without table and harmonics."""
+        """Moment of the load [N m] at a speed [rad/s], without table and harmonics."""
         return self.torque + self.viscous * speed + self.quadratic * speed * speed
 
 
 class BalanceWheel(Part):
-    """An eccentric mass that turns with the sprocket.
+    """An eccentric mass that turns with a sprocket.
 
     Attributes:
-        mass: the eccentric mass [kg], >= 0.
-        radius: distance from the sprocket's center [m], >= 0.
-        phase: angle in the sprocket's own frame [rad].
+        mass: eccentric mass [kg].
+        radius: distance from the sprocket's center [m].
+        phase: angle on the sprocket [rad].
     """
 
     mass: NonNegative
@@ -129,21 +128,22 @@ class BalanceWheel(Part):
 
 
 class FixedMount(Part):
-    """The center does not move."""
+    """A sprocket's center that does not move."""
 
     kind: Literal["fixed"] = "fixed"
 
 
 class PrescribedMount(Part):
-    """The center is led: center + direction (offset + amplitude sin(2 pi frequency t + phase)), or by a table.
+    """A sprocket's center that is led: center + direction (offset + amplitude sin(2 pi frequency t + phase)), or by a
+    table.
 
     Attributes:
-        direction: direction of a line; only its sense counts, not its length; this or a table.
-        table: displacement from the center over time, instead of all else.
-        offset: mean displacement along the line [m].
-        amplitude: amplitude of the displacement [m].
-        frequency: frequency of the displacement [Hz], >= 0.
-        phase: phase of the displacement at the start [rad].
+        direction: direction of the line; this or a table.
+        table: displacement from the center over time.
+        offset: mean displacement [m].
+        amplitude: amplitude [m].
+        frequency: frequency [Hz].
+        phase: phase at the start [rad].
     """
 
     kind: Literal["prescribed"]
@@ -166,11 +166,11 @@ class PrescribedMount(Part):
 
 
 class ElasticMount(Part):
-    """The center rests on a spring and a damper along each axis.
+    """A sprocket's center on a spring and a damper along each axis.
 
     Attributes:
-        stiffness: stiffness along x and y [N/m], > 0.
-        damping: damping along x and y [N s/m], >= 0.
+        stiffness: stiffness along x and y [N/m].
+        damping: damping along x and y [N s/m].
         preload: constant force on the center [N].
     """
 
@@ -181,12 +181,12 @@ class ElasticMount(Part):
 
 
 class SliderMount(Part):
-    """The center moves on a line, pressed by a spring, a damper and a constant force: a tensioner.
+    """A sprocket's center on a line, pressed by spring, damper and constant force: a tensioner.
 
     Attributes:
-        direction: direction of the line and of the preload; only its sense counts, not its length.
-        stiffness: stiffness along the line [N/m], >= 0.
-        damping: damping along the line [N s/m], >= 0.
+        direction: direction of the line and of the preload.
+        stiffness: stiffness along the line [N/m].
+        damping: damping along the line [N s/m].
         preload: force along `direction` [N].
     """
 
@@ -198,7 +198,7 @@ class SliderMount(Part):
 
 
 class ArmMount(Part):
-    """The center is a point of an arm, as drawn, and turns with it about the pivot; the sprocket turns for itself.
+    """A sprocket's center on an arm, with which it turns about the pivot.
 
     Attributes:
         arm: name of the arm.
@@ -216,13 +216,11 @@ Mount = Annotated[
 
 
 class Bearing(Part):
-    """A bearing that rubs: a moment mu_b r_b |F| against turning, on an arm against turning relative to it.
-
-    F is the chain's force on the sprocket.
+    """Friction of a bearing: a moment mu_b r_b |F| of the chain's force, on an arm against relative rotation.
 
     Attributes:
-        friction: coefficient mu_b [-].
-        radius: radius r_b at which it slides [m].
+        friction: coefficient of friction, mu_b [-].
+        radius: sliding radius, r_b [m].
     """
 
     friction: NonNegative
@@ -230,13 +228,13 @@ class Bearing(Part):
 
 
 class ToothGap(Part):
-    """The gap between two teeth of a sprocket, where it has one of its own: a seat arc, flanks that leave it, tips.
+    """Tooth gap of a sprocket: seat arc, flanks, tips.
 
     Attributes:
-        seat_radius: radius of the arc that rollers lie in [m], at least theirs.
-        seat_angle: extent of that arc [degrees], above 0 and below 180.
-        flank_radius: radius of the convex flanks [m]; None is straight ones.
-        tip_radius: radius at which the teeth end, from the sprocket's center [m].
+        seat_radius: radius of the seat arc [m].
+        seat_angle: extent of the seat arc [degrees].
+        flank_radius: radius of the convex flanks [m]; None is straight.
+        tip_radius: radius of the tips from the sprocket's center [m].
     """
 
     seat_radius: Positive
@@ -254,30 +252,28 @@ ON_COUPLINGS = {
     "brake": 'give a coupling between "ground" and this one with a clutch',
     "backstop": 'give a coupling between "ground" and this one with freewheel = true',
 }
-"""Keys that are looked for at sprockets and shafts, and how they are given."""
+"""Keys of couplings that users may give to sprockets and shafts, with the remedy."""
 
 
 class Sprocket(Part):
-    """A sprocket, at its place in the order in which the chain visits them.
+    """A sprocket, in the order in which the chain visits them.
 
     Attributes:
         name: unique among all parts.
-        chain: name of its chain, where there are several.
-        teeth: number of teeth, z >= 5.
-        center: where it stands [m].
-        wrap: "ccw" if the chain turns counter-clockwise around it, else "cw".
+        chain: its chain, where there are several.
+        teeth: number of teeth, z.
+        center: its center [m].
+        wrap: "ccw" if the chain turns counter-clockwise around it.
         pitch: pitch of its teeth, where worn [m]; None is the chain's.
-        tooth: the gap between its teeth; a drive file may name a DXF file of its outline instead. None is that of
-            `contact.sprocket`.
-        mass: its mass without the balance wheel [kg]; needed when the mount is elastic, a slider or an arm.
-        inertia: its moment of inertia without the balance wheel [kg m^2]; needed unless prescribed or on a shaft.
-        prescribed: its motion, if that is given.
+        tooth: gap between its teeth; a drive file may name a DXF outline. None is that of `contact.sprocket`.
+        mass: mass without the balance wheel [kg]; needed on an elastic mount, slider or arm.
+        inertia: moment of inertia without the balance wheel [kg m^2]; needed unless prescribed or on a shaft.
+        prescribed: prescribed motion.
         load: moment against forward rotation.
-        balance_wheel: eccentric mass that turns with it.
-        mount: how the center is held.
-        shaft: the shaft that it is on, which then has motion and load, or one of its sprockets where there are several
-            chains; None is one of its own.
-        key: its angle where the chain is laid, up to whole teeth [degrees]; None is where the chain seats.
+        balance_wheel: eccentric mass.
+        mount: mount of its center.
+        shaft: shaft that it turns with, which has motion and load; or, of several chains, another sprocket on it.
+        key: angle where the chain is laid, up to whole teeth [degrees]; None is where the chain seats.
         bearing: friction of its bearing; None is none.
     """
 
@@ -303,7 +299,7 @@ class Sprocket(Part):
 
     @property
     def sign(self) -> int:
-        """+1 if forward rotation is counter-clockwise, else -1."""
+        """+1 if the sprocket's forward rotation is counter-clockwise, else -1."""
         return 1 if self.wrap == "ccw" else -1
 
     @classmethod

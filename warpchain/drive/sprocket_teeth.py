@@ -1,4 +1,4 @@
-"""Teeth of a drive's sprockets: their pitch, their gap, and whether they let rollers go."""
+"""Teeth of a drive's sprockets: pitch, gap, and release of rollers."""
 
 from __future__ import annotations
 
@@ -12,17 +12,17 @@ from warpchain.drive.tooth_shape import Tooth, default_seat_angle, iso606_tooth,
 
 
 def tooth_pitch(sprocket: Sprocket, chain: Chain) -> float:
-    """Pitch of a sprocket's teeth [m]: its own, or else its chain's."""
+    """Pitch of a sprocket's teeth [m]."""
     return chain.pitch if sprocket.pitch is None else sprocket.pitch
 
 
 def pitch_radius(sprocket: Sprocket, chain: Chain) -> float:
-    """Radius of the circle on which a sprocket's seats lie [m]: p / (2 sin(pi/z))."""
+    """Radius of a sprocket's pitch circle [m]: p / (2 sin(pi/z))."""
     return tooth_pitch(sprocket, chain) / (2.0 * math.sin(math.pi / sprocket.teeth))
 
 
 def sprocket_tooth(sprocket: Sprocket, chain: Chain, contact: SprocketContact) -> Tooth:
-    """The tooth gap of a sprocket: its own, or the contact's, or that of ISO 606 for its teeth."""
+    """Tooth gap of a sprocket: its own, the contact's, or ISO 606's."""
     own = sprocket.tooth
     if own is not None:
         flank = math.inf if own.flank_radius is None else own.flank_radius
@@ -42,6 +42,6 @@ def sprocket_tooth(sprocket: Sprocket, chain: Chain, contact: SprocketContact) -
 
 
 def is_catching(sprocket: Sprocket, chain: Chain, tooth: Tooth) -> bool:
-    """Whether a sprocket's straight flanks do not let a strand's rollers go (`warpchain.drive.tooth_shape`)."""
+    """Whether a sprocket's straight flanks catch a strand's rollers."""
     straight = math.isinf(tooth.flank_radius)
     return straight and bool(tooth.seat_angle > releasing_seat_angle(pitch_radius(sprocket, chain), chain.pitch))

@@ -1,7 +1,6 @@
 """Functions of numbers, or of arrays of them over the variants of a stack (`warpchain.model.stacks`).
 
-A variant's value has the same bits alone as among others: where numpy's function could round otherwise than Python's,
-arrays are worked through number by number, or numbers go through numpy's.
+Results for a variant have the same bits alone as among others.
 """
 
 from __future__ import annotations
@@ -22,10 +21,10 @@ _NUMBER_TYPES = frozenset((float, int, bool))
 
 
 class UnlikeVariants(Exception):
-    """Raised where variants of a stack go unlike ways in a calculation, each of which is then worked out by itself.
+    """Raised where variants of a stack take different branches, to be worked out apart.
 
     Attributes:
-        way: (V,) what is the same for those that go the same way.
+        way: (V,) equal for variants of one branch.
     """
 
     def __init__(self, way: NDArray[Any]) -> None:
@@ -33,7 +32,7 @@ class UnlikeVariants(Exception):
         self.way = way
 
     def at_places(self, places: Any, count: int) -> UnlikeVariants:
-        """The exception for a stack of `count` variants, of which these are the ones at `places`."""
+        """The exception for `count` variants with those at `places` apart."""
         import numpy as np
 
         way = np.full(count, self.way[0])
@@ -42,10 +41,10 @@ class UnlikeVariants(Exception):
 
 
 def shared_value(value: Any) -> Any:
-    """The value that all variants of a stack share, which decides the way of a calculation.
+    """Value that all variants of a stack share.
 
     Raises:
-        UnlikeVariants: where they do not share it.
+        UnlikeVariants: they differ.
     """
     if not has_arrays(value):
         return value
@@ -55,7 +54,7 @@ def shared_value(value: Any) -> Any:
 
 
 def has_arrays(*values: Any) -> bool:
-    """Whether any of some values is an array (...) of numbers."""
+    """Whether any value is an array."""
     for value in values:  # noqa: SIM110  a loop takes half the time of any()
         if type(value) not in _NUMBER_TYPES and getattr(value, "ndim", None):
             return True
@@ -63,7 +62,7 @@ def has_arrays(*values: Any) -> bool:
 
 
 def elementwise(function: Callable[..., float]) -> Callable[..., Any]:
-    """A function of numbers as a function of numbers or arrays (...), applied to each element."""
+    """A function of numbers applied to arrays element by element."""
 
     @wraps(function)
     def apply(*values: Any, **named: Any) -> Any:
@@ -88,7 +87,7 @@ arcsin = elementwise(math.asin)
 
 
 def _numpy_function(name: str) -> Callable[..., Any]:
-    """A function of numpy's for numbers and arrays alike, since Python's own may round otherwise."""
+    """A numpy function for numbers and arrays, rounding alike."""
 
     def apply(*values: Any) -> Any:
         import numpy as np
@@ -107,7 +106,7 @@ rint = _numpy_function("rint")
 
 
 def _python_or_numpy_function(function: Callable[..., float], name: str) -> Callable[..., Any]:
-    """A function of Python's for numbers, numpy's of that name for arrays."""
+    """Python's function for numbers, numpy's of a name for arrays."""
 
     def apply(*values: Any) -> Any:
         if not has_arrays(*values):
@@ -126,12 +125,12 @@ quick_cos = _python_or_numpy_function(math.cos, "cos")
 
 
 def quick_hypot(x: Any, y: Any) -> Any:
-    """sqrt(x^2 + y^2) of numbers or arrays of ordinary size."""
+    """sqrt(x^2 + y^2) of numbers or arrays, without care for overflow."""
     return sqrt(x * x + y * y)
 
 
 def floor(value: Any) -> Any:
-    """The whole number below a number, or those below an array's."""
+    """Largest whole numbers not above numbers or arrays."""
     if not has_arrays(value):
         return math.floor(value)
     import numpy as np
@@ -140,12 +139,12 @@ def floor(value: Any) -> Any:
 
 
 def ceil(value: Any) -> Any:
-    """The whole number above a number, or those above an array's."""
+    """Smallest whole numbers not below numbers or arrays."""
     return -floor(-value)
 
 
 def where(condition: Any, yes: Any, no: Any) -> Any:
-    """One value where a condition holds, else the other; element by element of an array."""
+    """One value where a condition holds, else the other, also elementwise."""
     if not has_arrays(condition):
         return yes if condition else no
     import numpy as np
@@ -154,17 +153,17 @@ def where(condition: Any, yes: Any, no: Any) -> Any:
 
 
 def numpy_sum(values: Sequence[Any]) -> Any:
-    """The sum of values in numpy's order: from the first to the last, eight or more in pairs."""
+    """Sum of values in numpy's order: pairwise from eight on."""
     return reduce(add, values) if len(values) < _PAIRWISE_COUNT else array_of_columns(values).sum(axis=-1)
 
 
 def ordered_sum(values: Iterable[Any]) -> Any:
-    """The sum of values from the first to the last; 0 of none."""
+    """Sum of values from first to last; 0 of none."""
     return reduce(add, values, 0.0)
 
 
 def maximum(*values: Any) -> Any:
-    """The largest of numbers, or of arrays at each place."""
+    """Largest of numbers, or of arrays at each place."""
     if not has_arrays(*values):
         return max(values)
     import numpy as np
@@ -173,7 +172,7 @@ def maximum(*values: Any) -> Any:
 
 
 def minimum(*values: Any) -> Any:
-    """The smallest of numbers, or of arrays at each place."""
+    """Smallest of numbers, or of arrays at each place."""
     if not has_arrays(*values):
         return min(values)
     import numpy as np
@@ -182,24 +181,24 @@ def minimum(*values: Any) -> Any:
 
 
 def index_of_maximum(values: Sequence[Any]) -> Any:
-    """Index of the largest of some values, the first of equal ones; of arrays at each place."""
+    """Index of the first largest value, of arrays at each place."""
     if not has_arrays(*values):
         return max(range(len(values)), key=values.__getitem__)
     return array_of_columns(values).argmax(axis=-1)
 
 
 def is_true_somewhere(condition: Any) -> bool:
-    """Whether a condition, or any element of an array of conditions, holds."""
+    """Whether a condition holds, of arrays anywhere."""
     return bool(condition.any() if has_arrays(condition) else condition)
 
 
 def is_true_everywhere(condition: Any) -> bool:
-    """Whether a condition, or every element of an array of conditions, holds."""
+    """Whether a condition holds, of arrays everywhere."""
     return bool(condition.all() if has_arrays(condition) else condition)
 
 
 def array_of_columns(values: Sequence[Any]) -> NDArray[np.float64]:
-    """Numbers or arrays (...) as one array with a last axis more, (..., len(values))."""
+    """Numbers or arrays (...) as one array (..., len(values))."""
     import numpy as np
 
     if not has_arrays(*values):
@@ -208,12 +207,12 @@ def array_of_columns(values: Sequence[Any]) -> NDArray[np.float64]:
 
 
 def columns_of_table(table: NDArray[Any]) -> list[Any]:
-    """The columns of a table (V, K), each an array (V,); of a single row, its numbers."""
+    """Columns (V,) of a table (V, K); of a single row, its numbers."""
     return table[0].tolist() if len(table) == 1 else list(table.T.copy())
 
 
 def table_of_columns(values: Sequence[Any], rows: int) -> NDArray[Any]:
-    """The table (rows, K) of K numbers or arrays (rows,)."""
+    """Table (rows, K) of K numbers or arrays (rows,)."""
     import numpy as np
 
     if rows == 1 and not has_arrays(*values):
@@ -222,10 +221,10 @@ def table_of_columns(values: Sequence[Any], rows: int) -> NDArray[Any]:
 
 
 def pick_places(value: Any, places: Any) -> Any:
-    """The numbers at some places of an array (V,); a plain number stays."""
+    """Elements of an array (V,) at some places; a number stays."""
     return value[places] if has_arrays(value) else value
 
 
 def with_last_axis(value: Any) -> Any:
-    """An array (...) with a last axis of 1, so that it multiplies rows; a plain number stays."""
+    """An array (...) as (..., 1); a number stays."""
     return value[..., None] if has_arrays(value) else value

@@ -1,4 +1,4 @@
-"""Contact of parallel cylinders: stiffness from materials, damping, and the rebound after an impact."""
+"""Contact of parallel cylinders: stiffness from materials, damping, rebound after an impact."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
 
 def compliance(roller: Material, partner: Material) -> float:
-    """Sum of (1 - nu^2)/(pi E) over both bodies [1/Pa]: s of eq. (20)."""
+    """Compliance s of eq. (20): sum of (1 - nu^2)/(pi E) over both bodies [1/Pa]."""
     return sum((1.0 - power(body.poissons_ratio, 2)) / (math.pi * body.youngs_modulus) for body in (roller, partner))
 
 
@@ -23,7 +23,7 @@ def compliance(roller: Material, partner: Material) -> float:
 def hertz_stiffness(
     load: float, width: float, roller_radius: float, partner_radius: float, compliance: float, exponent: float = 1.0
 ) -> float:
-    """Generalized stiffness K of a line contact at a load [N/m^n], from eq. (20).
+    """Generalized stiffness K of a line contact at a load [N/m^n], eq. (20).
 
     Args:
         load: P [N].
@@ -34,7 +34,7 @@ def hertz_stiffness(
         exponent: n of the force law [-].
 
     Raises:
-        DriveError: if the load is beyond the formula's validity.
+        DriveError: load beyond the formula's validity.
     """
     limit = _validity_limit(width, roller_radius, partner_radius, compliance)
     if not 0.0 < load < limit:
@@ -52,30 +52,29 @@ def hertz_stiffness(
 
 
 def _validity_limit(width: float, roller_radius: float, partner_radius: float, compliance: float) -> float:
-    """Load at which the bracket of eq. (20) is zero [N]: the bracket is ln(limit / P)."""
+    """Load at which the bracket of eq. (20), ln(limit / P), is zero [N]."""
     if compliance == 0.0:  # a modulus beyond all numbers
         return 0.0
     return math.e * width * width * width * (1.0 / roller_radius + 1.0 / partner_radius) / compliance
 
 
 def largest_load(law: ImpactLaw, roller_radius: float, partner_radius: float) -> float:
-    """Reference load below which the materials of a contact give a stiffness [N]; infinite for a given stiffness."""
+    """Upper limit of a contact's reference load [N]; infinite for a given stiffness."""
     if law.width is None or law.roller is None or law.partner is None:
         return math.inf
     return _validity_limit(law.width, roller_radius, partner_radius, compliance(law.roller, law.partner))
 
 
 def contact_stiffness(law: ImpactLaw, roller_radius: float, partner_radius: float, path: str) -> float:
-    """Generalized stiffness of a contact [N/m^n], given or from materials (eq. (20)).
+    """Generalized stiffness of a contact [N/m^n], given or from materials, eq. (20).
 
     Args:
-        law: the contact's settings.
         roller_radius: R1 [m].
         partner_radius: R2 [m]; `math.inf` for a flat partner.
-        path: of the contact in the drive, for the message.
+        path: key path of the contact.
 
     Raises:
-        DriveError: if the reference load is beyond the formula's validity; the message names the key.
+        DriveError: reference load beyond the formula's validity; names the key.
     """
     if law.stiffness is not None:
         return law.stiffness
@@ -89,17 +88,12 @@ def contact_stiffness(law: ImpactLaw, roller_radius: float, partner_radius: floa
 
 
 def rebound_ratio(restitution: float, law: str = "lankarani-nikravesh") -> float:
-    """Speed after an impact over the speed before, as a contact law gives it where no other force acts [-].
+    """Speed after a free impact over that before, by a contact law [-].
 
-    It is not e: Lankarani and Nikravesh's law was derived for e near 1, and e = 0.3 returns 0.684 (see
-    `warpchain.drive.laws`).
-
-    Args:
-        restitution: e [-], above 0, at most 1.
-        law: name of the law.
+    It differs from e: Lankarani and Nikravesh's law returns 0.684 for e = 0.3.
 
     Raises:
-        DriveError: for a restitution out of that range, or an unknown law.
+        DriveError: unknown law, or restitution not above 0 and at most 1.
     """
     if not 0.0 < restitution <= 1.0:
         raise drive_error([f"restitution = {value_text(restitution)}: must be a number above 0, at most 1"])
@@ -109,17 +103,16 @@ def rebound_ratio(restitution: float, law: str = "lankarani-nikravesh") -> float
 
 
 def contact_rebound(law: ImpactLaw) -> float:
-    """Speed after an impact over the speed before of a contact as set [-], where no other force acts."""
+    """Speed after a free impact over that before, of a contact's settings [-]."""
     return LAWS[law.law].rebound(law_factor(law.law, law.restitution, law.restitution_means))
 
 
 def contact_damping(law: ImpactLaw, stiffness: float, mass: float) -> float:
-    """The damping value of the law's function: hysteresis factor d [-], or c of Kelvin-Voigt [N s/m].
+    """Damping of a contact law: hysteresis factor d [-], or c of Kelvin-Voigt [N s/m].
 
     Args:
-        law: the contact's settings.
         stiffness: K [N/m^n].
-        mass: of a roller [kg], which hits a partner that counts as much heavier.
+        mass: of a roller, against a much heavier partner [kg].
     """
     factor = law_factor(law.law, law.restitution, law.restitution_means)
     return factor * LAWS[law.law].unit(stiffness, mass)

@@ -1,14 +1,13 @@
-r"""Tensioners: springs, hydraulic elements and ratchets between the ground and an arm, or a sprocket on a slider.
+"""Tensioners: springs, hydraulic elements and ratchets between the ground and an arm, or a sprocket on a slider.
 
-The extension x is how far the point of contact on the body stands out along the direction of the push, 0 as drawn. The
-force pushes only: F = max(0, preload - k x - c x') of the spring, with (P - P_0) A of the oil on top. The chamber of
-volume V = V_0 + A x loses Q_leak = G (P - P_0) + (pi d h / 2) x' through the gap around the plunger,
+With x the extension from the drawing along the push, F = max(0, preload - k x - c x') of the spring, plus (P - P_0) A
+of the oil. The chamber of volume V = V_0 + A x loses Q_leak = G (P - P_0) + (pi d h / 2) x' through the gap around the
+plunger,
 
     G = pi d h^3 (1 + 1.5 eps^2) / (12 eta L),                                                             (a)
 
-and is refilled from the supply through a check valve. A relief valve, above its set pressure, and a vent, always,
-let oil out into what is around, at P_0. A ratchet keeps the plunger from going back by more than its backlash behind
-the last tooth that it has passed.
+and is refilled through a check valve. A relief valve, above its set pressure, and a vent let oil out to P_0. A ratchet
+limits the way back to its backlash behind the last tooth passed.
 """
 
 from __future__ import annotations
@@ -53,25 +52,25 @@ SeatAngle = Annotated[
 ]
 
 POINTS = ("viscosity_40", "viscosity_100")
-"""The keys of an oil's viscosity over temperature."""
+"""Keys of an oil's viscosity over temperature."""
 
 VAPOR_PRESSURE = 1.0e3
-"""Absolute pressure at which oil boils [Pa], below which none falls: mineral oils, with what volatile they take up."""
+"""Absolute vapor pressure of mineral oils [Pa]."""
 
 OUTLET_DISCHARGE = 0.6
-"""Discharge coefficient of relief valves and vents: about that of sharp edges."""
+"""Discharge coefficient of relief valves and vents [-]."""
 
 OIL_PARTS = ("plunger", "chamber", "valve", "oil")
-"""The tables that make a tensioner hydraulic."""
+"""Keys that make a tensioner hydraulic."""
 
 
 class Spring(Part):
-    """The spring behind a plunger.
+    """The spring behind a tensioner's plunger.
 
     Attributes:
-        stiffness: its stiffness [N/m].
-        preload: force as drawn, at extension 0 [N].
-        damping: its damping [N s/m].
+        stiffness: stiffness [N/m].
+        preload: force as drawn [N].
+        damping: damping [N s/m].
     """
 
     stiffness: NonNegative
@@ -80,14 +79,14 @@ class Spring(Part):
 
 
 class Plunger(Part):
-    """The plunger in its bore.
+    """The plunger of a tensioner in its bore.
 
     Attributes:
-        diameter: its diameter, d [m].
-        mass: its mass [kg]; it moves with the point that it touches.
-        gap: radial gap of plunger and bore, h [m].
+        diameter: diameter, d [m].
+        mass: mass that moves with the point of contact [kg].
+        gap: radial gap, h [m].
         length: length of the gap, L [m].
-        eccentricity: place in its bore, eps [-]: 0 in the middle, 1 against its wall, to which side forces press it.
+        eccentricity: eccentricity in the bore, eps [-]: 0 in the middle, 1 at the wall.
     """
 
     diameter: Positive | None = None
@@ -104,11 +103,11 @@ class Plunger(Part):
 
 
 class Chamber(Part):
-    """The pressure chamber.
+    """The pressure chamber of a tensioner.
 
     Attributes:
-        volume: volume of oil as drawn, at extension 0, V_0 [m^3].
-        drained: share of it that is air, not oil, as the run begins [-]; 0 is full.
+        volume: volume of oil as drawn, V_0 [m^3].
+        drained: share that is air as the run begins [-].
     """
 
     volume: Positive
@@ -116,14 +115,14 @@ class Chamber(Part):
 
 
 class Valve(Part):
-    """The check valve between supply and chamber: a ball on a conical seat.
+    """The check valve of a tensioner: a ball on a conical seat.
 
     Attributes:
-        ball_radius: radius of its ball, r_B [m].
-        seat_diameter: diameter of the hole that the ball closes [m].
-        lift: largest lift of the ball [m].
-        stiffness: stiffness of its spring, k_cv [N/m].
-        preload: force of its spring, closed, F_0 [N].
+        ball_radius: radius of the ball, r_B [m].
+        seat_diameter: diameter of the hole [m].
+        lift: largest lift [m].
+        stiffness: stiffness of the spring, k_cv [N/m].
+        preload: force of the spring when closed, F_0 [N].
         seat_angle: angle of the cone's wall to its axis, gamma [degrees].
         discharge: discharge coefficient, C_d [-].
     """
@@ -138,21 +137,21 @@ class Valve(Part):
 
     @property
     def hole_area(self) -> float:
-        """A_b, on which the pressures act [m^2]."""
+        """Area A_b of the check valve's hole [m^2]."""
         return 0.25 * math.pi * power(self.seat_diameter, 2)
 
     @property
     def seat_angle_rad(self) -> float:
-        """gamma [rad]."""
+        """Angle of the check valve's cone, gamma [rad]."""
         return radians(self.seat_angle)
 
     @property
     def cracking_pressure(self) -> float:
-        """Difference of pressure above which it opens [Pa]."""
+        """Pressure difference above which the check valve opens [Pa]."""
         return self.preload / self.hole_area
 
     def flow_area(self, lift: float) -> float:
-        """Area of the gap around the ball at a lift y, pi y (2 r_B tan(gamma) + y sin(gamma) / cos(gamma)^2) [m^2]."""
+        """Area of the check valve's gap at a lift y, pi y (2 r_B tan(gamma) + y sin(gamma) / cos(gamma)^2) [m^2]."""
         angle = self.seat_angle_rad
         wide = 2.0 * self.ball_radius * math.tan(angle) + lift * math.sin(angle) / math.cos(angle) ** 2
         return math.pi * lift * wide
@@ -165,14 +164,14 @@ class Valve(Part):
 
 
 class Relief(Part):
-    """The relief valve: a disk, on a spring, over a hole through which oil leaves the chamber.
+    """The relief valve of a tensioner: a disk, on a spring, over a hole.
 
     Attributes:
-        pressure: absolute pressure in the chamber above which it opens [Pa].
-        diameter: diameter of its hole [m].
-        stiffness: stiffness of its spring [N/m].
-        lift: its largest lift [m].
-        discharge: discharge coefficient of the gap below the disk, C_d [-].
+        pressure: absolute pressure above which it opens [Pa].
+        diameter: diameter of the hole [m].
+        stiffness: stiffness of the spring [N/m].
+        lift: largest lift [m].
+        discharge: discharge coefficient of the gap, C_d [-].
     """
 
     pressure: Positive
@@ -183,23 +182,23 @@ class Relief(Part):
 
     @property
     def hole_area(self) -> float:
-        """Area on which the pressures act [m^2]."""
+        """Area of the relief valve's hole [m^2]."""
         return 0.25 * math.pi * power(self.diameter, 2)
 
     def preload(self, ambient: float) -> float:
-        """Force of its spring, closed, above an ambient pressure [N]."""
+        """Force of the closed relief valve's spring [N]."""
         return (self.pressure - ambient) * self.hole_area
 
     def flow_area(self, lift: float) -> float:
-        """Area of the gap below the disk at a lift y, pi d y [m^2]."""
+        """Area of the relief valve's gap at a lift y, pi d y [m^2]."""
         return math.pi * self.diameter * lift
 
 
 class Vent(Part):
-    """The vent: an orifice that is always open, by which air leaves the chamber, and oil.
+    """The vent of a tensioner: an orifice that is always open.
 
     Attributes:
-        diameter: its diameter [m].
+        diameter: diameter [m].
         discharge: discharge coefficient, C_d [-].
     """
 
@@ -208,22 +207,22 @@ class Vent(Part):
 
     @property
     def flow_area(self) -> float:
-        """Area of the jet [m^2]."""
+        """Area of the vent's jet [m^2]."""
         return self.discharge * 0.25 * math.pi * power(self.diameter, 2)
 
 
 class Oil(Part):
-    """The oil and its pressures, which are absolute.
+    """The oil of a tensioner, with absolute pressures.
 
     Attributes:
-        density: its density [kg/m^3].
-        viscosity: its kinematic viscosity [m^2/s]; None is that of the next two at the drive's temperature.
-        viscosity_40, viscosity_100: its kinematic viscosities at 40 and at 100 degrees C [m^2/s]; needed where the
-            drive has a temperature other than 20 degrees C (`warpchain.drive.viscosity`).
+        density: density [kg/m^3].
+        viscosity: kinematic viscosity [m^2/s]; None follows from those at two temperatures.
+        viscosity_40, viscosity_100: kinematic viscosities at 40 and 100 degrees C [m^2/s]; needed at drive temperatures
+            other than 20.
         bulk_modulus: bulk modulus of oil without air, E_0 [Pa].
-        air: share of air in the volume at ambient pressure [-].
-        supply: pressure of the supply, P_s [Pa]; with a table the one at rest, from which the run begins.
-        supply_table: pressure of the supply over time or speed, during the run; None is constant.
+        air: share of air at ambient pressure [-].
+        supply: supply pressure, P_s [Pa]; with a table that at rest.
+        supply_table: supply pressure over time or speed; None is constant.
         ambient: ambient pressure, P_0 [Pa].
     """
 
@@ -243,16 +242,16 @@ class Oil(Part):
         "viscosity_100": ("viscosity",),
     }
     _filled: ClassVar[tuple[str, ...]] = ("viscosity",)
-    """Keys that others fill."""
+    """Keys of an oil that others fill."""
 
     @property
     def dynamic_viscosity(self) -> float:
-        """eta [Pa s]."""
+        """Dynamic viscosity of the oil, eta [Pa s]."""
         return self.density * self.viscosity
 
     @property
     def walther(self) -> Walther | None:
-        """The oil's viscosity over temperature; None where two viscosities do not give it."""
+        """Viscosity of the oil over temperature; None without two viscosities."""
         return _walther_of_oil(self)
 
     @classmethod
@@ -298,7 +297,7 @@ class Oil(Part):
 
 
 def _walther_of_oil(oil: Any) -> Walther | None:
-    """The viscosity over temperature of an oil, or of the mapping to become one; None where it is not whole."""
+    """Viscosity of an oil or mapping over temperature; None where it is wrong."""
     at_40, at_100 = (node_value(oil, key) for key in POINTS)
     if not are_numbers(at_40, at_100) or not THINNEST <= at_100 < at_40 <= THICKEST:
         return None
@@ -306,7 +305,7 @@ def _walther_of_oil(oil: Any) -> Walther | None:
 
 
 def _viscosity_rules(oil: Any) -> Iterable[Problem]:
-    """Problems of the viscosities at two temperatures."""
+    """Problems of an oil's viscosities at two temperatures."""
     at_40, at_100 = (node_value(oil, key) for key in POINTS)
     for key, other in zip(POINTS, reversed(POINTS), strict=True):
         if node_value(oil, key) is None and node_value(oil, other) is not None:
@@ -319,11 +318,11 @@ def _viscosity_rules(oil: Any) -> Iterable[Problem]:
 
 
 class Ratchet(Part):
-    """A latch that lets the plunger out, tooth by tooth, and not back.
+    """A ratchet that lets a tensioner's plunger only out.
 
     Attributes:
-        pitch: pitch of its teeth, a [m].
-        backlash: way by which the plunger may go back behind the last tooth, s [m].
+        pitch: pitch of the teeth, a [m].
+        backlash: way back behind the last tooth, s [m].
     """
 
     pitch: Positive
@@ -331,20 +330,20 @@ class Ratchet(Part):
 
 
 class Tensioner(Part):
-    """An element that pushes an arm, or a sprocket on a slider, against the chain.
+    """A tensioner that pushes an arm, or a sprocket on a slider, against the chain.
 
     Attributes:
         name: unique among all parts.
-        on: the arm or sprocket.
-        at: where it touches that body, as drawn [m].
-        direction: direction in which it pushes; only its sense counts, not its length.
+        on: its arm or sprocket.
+        at: point of contact on that body, as drawn [m].
+        direction: direction of the push.
         kind: "spring" or "hydraulic".
-        spring: its spring; needed with kind "spring".
-        plunger: its plunger; needed with kind "hydraulic"; else only its mass counts.
-        chamber, valve, oil: its chamber, check valve and oil; needed with kind "hydraulic".
-        relief: its relief valve; None is none.
-        vent: its vent; None is none.
-        ratchet: its ratchet; None is none.
+        spring: spring; needed with kind "spring".
+        plunger: plunger; needed with kind "hydraulic"; else only its mass counts.
+        chamber, valve, oil: chamber, check valve and oil; needed with kind "hydraulic".
+        relief: relief valve; None is none.
+        vent: vent; None is none.
+        ratchet: ratchet; None is none.
     """
 
     name: Name
@@ -365,53 +364,53 @@ class Tensioner(Part):
 
     @property
     def hydraulic(self) -> bool:
-        """Whether there is oil."""
+        """Whether the tensioner is hydraulic."""
         return self.kind == "hydraulic"
 
     @property
     def is_drained(self) -> bool:
-        """Whether its chamber is not full of oil as the run begins."""
+        """Whether the tensioner's chamber has air as the run begins."""
         return self.chamber is not None and bool(is_true_somewhere(self.chamber.drained))
 
     @property
     def unit_direction(self) -> tuple[float, float]:
-        """The unit vector along which it pushes."""
+        """Unit vector of the tensioner's push."""
         length = hypot(*self.direction)
         return self.direction[0] / length, self.direction[1] / length
 
     @property
     def spring_stiffness(self) -> float:
-        """k [N/m]; 0 without a spring."""
+        """Stiffness k of the tensioner's spring [N/m]; 0 without one."""
         return 0.0 if self.spring is None else self.spring.stiffness
 
     @property
     def spring_preload(self) -> float:
-        """Force of the spring at extension 0 [N]; 0 without a spring."""
+        """Force of the tensioner's spring as drawn [N]; 0 without one."""
         return 0.0 if self.spring is None else self.spring.preload
 
     @property
     def spring_damping(self) -> float:
-        """c [N s/m]; 0 without a spring."""
+        """Damping c of the tensioner's spring [N s/m]; 0 without one."""
         return 0.0 if self.spring is None else self.spring.damping
 
     @property
     def plunger_mass(self) -> float:
-        """Mass that moves with the point of contact [kg]; 0 without a plunger."""
+        """Mass of the tensioner's plunger [kg]; 0 without one."""
         return 0.0 if self.plunger is None else self.plunger.mass
 
     @property
     def area(self) -> float:
-        """A of the plunger [m^2]; 0 without oil."""
+        """Area A of the plunger [m^2]; 0 without oil."""
         return 0.25 * math.pi * power(self._bore[0], 2) if self.hydraulic else 0.0
 
     @property
     def hole_area(self) -> float:
-        """A_b of the check valve [m^2]; 0 without oil."""
+        """Area A_b of the check valve's hole [m^2]; 0 without oil."""
         return self.valve.hole_area if self.hydraulic and self.valve is not None else 0.0
 
     @property
     def leak_conductance(self) -> float:
-        """G, the leak flow over the pressure difference [m^3/(s Pa)], (a); 0 without oil."""
+        """Leak flow over pressure difference, G [m^3/(s Pa)], (a); 0 without oil."""
         if not self.hydraulic:
             return 0.0
         diameter, gap, length = self._bore
@@ -421,7 +420,7 @@ class Tensioner(Part):
 
     @property
     def drag_flow(self) -> float:
-        """Flow that the moving plunger drags out of the gap, over its speed, pi d h / 2 [m^2]; 0 without oil."""
+        """Flow dragged by the plunger over its speed, pi d h / 2 [m^2]; 0 without oil."""
         return 0.5 * math.pi * self._bore[0] * self._bore[1] if self.hydraulic else 0.0
 
     @property

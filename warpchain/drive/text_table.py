@@ -1,14 +1,13 @@
-"""Tables as text, as spreadsheets and measurement systems write them: a line of names, then lines of numbers.
+"""Text tables of drives and measured signals: a line of names, then lines of numbers.
 
-Drives' tables and measured signals are read by the same rules, each decided once for a whole file:
+Rules, each decided once for a whole file:
 
-- The text is UTF-8, UTF-16, or else Windows-1252, whose letters and signs are those of Latin-1.
+- The text is UTF-8, UTF-16, or else Windows-1252.
 - Cells are separated by the first of semicolons, tabs, commas and blanks at which a line of names stands above a line
-  of no more numbers. What stands above the names, and lines that begin with #, are passed over.
-- Between commas, numbers have decimal points. Otherwise all numbers have the sign that some of them have, a point or a
-  comma. Where some have one and some the other, or all are like 1.249, which may be thousands, it must be said.
-- A name may say its unit: NAME [UNIT], NAME (UNIT), NAME / UNIT, NAME in UNIT; or a line of units below the names does,
-  or the name is a unit and no more.
+  of no more numbers. Lines above the names, or with #, are passed over.
+- Between commas, numbers have decimal points; otherwise all have the sign that some have. Where both occur, or all are
+  like 1.249, `decimal` is needed.
+- Units: NAME [UNIT], NAME (UNIT), NAME / UNIT, NAME in UNIT, a line of units below, or a unit as the name.
 """
 
 from __future__ import annotations
@@ -28,16 +27,16 @@ from warpchain.errors import WarpchainError
 from warpchain.files import read_regular_file, refusal_reason
 
 SEPARATORS = {";": "semicolons", "\t": "tabs", ",": "commas", " ": "blanks"}
-"""Signs between cells, in the order in which they are tried."""
+"""Separators of cells, in the order in which they are tried."""
 MISSING = "must have a line of names and lines of numbers below it, of two columns at least"
 MOST_PREAMBLE = 1000
-"""Lines at the beginning among which the names stand."""
+"""Most lines among which a table's names are sought."""
 LONGEST_HEAD = 200
-"""Characters of a head that may have a unit."""
+"""Most characters of a column's head with a unit."""
 GAPS = frozenset({"", "nan", "-nan", "na", "n/a", "#n/a", "#na", "#nv", "null", "1.#qnan", "-1.#ind", "1.#ind"})
 """Cells without a value, in small letters."""
 SUFFIXED_NAMES = ("time", "angle", "speed", "torque", "pressure", "lift", "x", "y")
-"""Names that a unit may follow behind an underscore."""
+"""Names that a unit may follow after an underscore."""
 TIME_NAMES = ("t", "time", "Time", "zeit", "Zeit", "temps", "Temps", "tempo", "Tempo")
 """Names that may stand before a slash and a unit of time."""
 NO_TEXT = {
@@ -48,13 +47,13 @@ NO_TEXT = {
     b"MATLAB": "a MAT file: its name must end in .mat",
     b"\x89HDF": "HDF5: save the table as CSV",
 }
-"""First bytes of files that are no text, and what these are."""
+"""First bytes of files that are no text, with the remedy."""
 _NUMBER = re.compile(r"[+-]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][+-]?[0-9]+)?")
 _LOOSE_NUMBER = re.compile(
     r"[+-]?(?:[0-9][0-9.,'’\u00a0\u202f ]*|[.,][0-9]+)(?:[eE][+-]?[0-9]+)?|[+-]?inf", re.IGNORECASE
 )
 _SIGNED_NUMBER = re.compile(r"[+-]?(?=.*[0-9])[0-9]*([.,])[0-9]*(?:([.,])[0-9]*)?(?:[eE][+-]?[0-9]+)?")
-"""A number with a point or a comma, or two."""
+"""A number with one or two decimal or thousands signs."""
 _MAYBE_THOUSANDS = re.compile(r"[+-]?[1-9][0-9]{0,2}[.,][0-9]{3}")
 _GROUPED = re.compile(r"[+-]?[0-9]{1,3}(?:(['’\u00a0\u202f ])[0-9]{3})(?:\1[0-9]{3})*(?:[.,][0-9]*)?")
 DATE = r"(?:[0-9]{4}[-/.][0-9]{1,2}[-/.][0-9]{1,2}|[0-9]{1,2}[-/.][0-9]{1,2}[-/.](?:[0-9]{4}|[0-9]{2}))"
@@ -67,11 +66,11 @@ _WITH_UNIT = (
 
 
 class TableError(WarpchainError):
-    """A table's text is not understood: one line, without the file's name."""
+    """A table's text that is not understood, in one line without the file's name."""
 
 
 class Head(NamedTuple):
-    """A column's name, and the unit that the file says, or ""."""
+    """Name of a column, and its unit in the file, or ""."""
 
     name: str
     unit: str = ""
@@ -81,27 +80,27 @@ class Head(NamedTuple):
 
 
 class Row(NamedTuple):
-    """Cells without blanks at their ends, and the number of their line in the file."""
+    """Cells of a table's line, and its line number."""
 
     line: int
     cells: list[str]
 
     @property
     def width(self) -> int:
-        """Cells up to the last one that is not empty."""
+        """Number of cells up to the last that is not empty."""
         return max((k + 1 for k, cell in enumerate(self.cells) if cell), default=0)
 
 
 @dataclass(frozen=True)
 class TextTable:
-    """A table that was read, its cells still text.
+    """A text table as read, with text cells.
 
     Attributes:
         heads: of the columns.
-        line: the names' line in the file.
-        rows: below the names, none of them empty, none longer than the heads.
-        decimal: sign before decimals, "." or ",".
-        is_grouped: the other sign may stand between thousands.
+        line: line number of the names.
+        rows: rows below the names, none empty or longer than the heads.
+        decimal: "." or ",".
+        is_grouped: whether the other sign may stand between thousands.
     """
 
     heads: tuple[Head, ...]
@@ -112,18 +111,18 @@ class TextTable:
 
     @property
     def names(self) -> list[tuple[str, str]]:
-        """Each column's name, and its name with its unit."""
+        """Each column's name, and name with unit."""
         return [(head.name, str(head)) for head in self.heads]
 
     def cells(self, column: int) -> list[str]:
-        """A column's cells, "" where a row ends before it."""
+        """Cells of a column, "" where missing."""
         return [row.cells[column] if column < len(row.cells) else "" for row in self.rows]
 
     def numbers(self, column: int) -> list[float]:
-        """A column's numbers, NaN for gaps.
+        """Numbers of a column, NaN for gaps.
 
         Raises:
-            TableError: a cell that is neither.
+            TableError: another text.
         """
         found = []
         for row, cell in zip(self.rows, self.cells(column), strict=True):
@@ -140,7 +139,7 @@ class TextTable:
         return found
 
     def _number(self, cell: str) -> float | None:
-        """The number of a cell, NaN for a gap, None for another text."""
+        """Number of a cell, NaN for a gap, None for another text."""
         if _NUMBER.fullmatch(cell) and self.decimal == "." and not self.is_grouped:
             return float(cell)
         if cell.lower() in GAPS:
@@ -162,15 +161,15 @@ class TextTable:
 def read_text_table(
     path: str | Path, decimal: str | None = None, head: int | None = None, names: Collection[str] = ()
 ) -> TextTable:
-    """The table of a text file.
+    """Table of a text file.
 
     Args:
-        decimal: "." or ",", before decimals; the other one is then between thousands. None takes that of all numbers.
-        head: the line of the names; None finds it.
-        names: names of columns, in small letters, by which the line of names is known among others.
+        decimal: "." or ","; None is found.
+        head: line of the names; None is found.
+        names: names of columns, in small letters, that mark the line of names.
 
     Raises:
-        TableError: a file that cannot be read, or a text of which it is not clear what it means.
+        TableError: unreadable or ambiguous.
     """
     lines = list(enumerate(_text_lines(path), 1))
     plain = [(number, text) for number, text in lines if not _is_remark(text)]
@@ -194,14 +193,14 @@ def read_text_table(
 
 
 def column_place(names: Sequence[tuple[str, str]], wanted: str | None, default: int, option: str) -> int:
-    """Place of a column among all, each given by its name and its whole name; called by either, or by number, "#2".
+    """Index of a table's column by name, name with unit, or number "#2".
 
     Args:
-        wanted: None takes the one at `default`.
-        option: of the command line that names columns, for refusals.
+        wanted: None takes `default`.
+        option: command line option, for messages.
 
     Raises:
-        TableError: there is none of that name, or several; the one by default has no name.
+        TableError: none or several of that name; the default has no name.
     """
     if wanted is None:
         if default >= len(names):
@@ -221,12 +220,12 @@ def column_place(names: Sequence[tuple[str, str]], wanted: str | None, default: 
 
 
 def options_as_keys(text: str) -> str:
-    """A refusal that names options of the command line, for a file that has keys of these names."""
+    """Refusal of a text table with file keys in place of command line options."""
     return re.sub(r"say --([a-z]+)-?([a-z]*)", lambda found: f"give {'_'.join(filter(None, found.groups()))}", text)
 
 
 def head_of_cell(cell: str) -> Head:
-    """The name and the unit that a cell of a line of names says."""
+    """Name and unit in a cell of a table's names."""
     text = " ".join(cell.split())
     if len(text) > LONGEST_HEAD:
         return Head(text)
@@ -247,7 +246,7 @@ def head_of_cell(cell: str) -> Head:
 
 
 def _text_lines(path: str | Path) -> list[str]:
-    """The lines of a text file, without their ends."""
+    """Lines of a text file."""
     try:
         data = read_regular_file(path)
     except (OSError, ValueError) as refused:  # a name with a zero byte is a ValueError
@@ -263,7 +262,7 @@ def _text_lines(path: str | Path) -> list[str]:
 
 
 def _text_of_bytes(data: bytes) -> str:
-    """The text that bytes are: UTF-8, UTF-16 by its mark or a zero byte in the first sign, else Windows-1252."""
+    """Text of bytes: UTF-8, UTF-16, else Windows-1252."""
     marks = {b"\xff\xfe": "utf-16", b"\xfe\xff": "utf-16"}
     wide = marks.get(data[:2])
     if wide is None and len(data) > 1 and (data[0] == 0) != (data[1] == 0):
@@ -282,12 +281,12 @@ def _text_of_bytes(data: bytes) -> str:
 
 
 def _is_remark(line: str) -> bool:
-    """Whether a line begins with #, and not with a gap such as #N/A."""
+    """Whether a line begins with # and no gap such as #N/A."""
     return line.lstrip().startswith("#") and re.split(r"[;\t, ]", line.strip())[0].lower() not in GAPS
 
 
 def _parsed_rows(lines: Sequence[tuple[int, str]], separator: str) -> Iterator[Row]:
-    """The cells of numbered lines; a quoted cell may go on in the next line."""
+    """Rows of numbered lines; quoted cells may span lines."""
     texts = (text for _, text in lines)
     if separator == " ":
         texts = (_with_few_blanks(text) for text in texts)
@@ -302,7 +301,7 @@ def _parsed_rows(lines: Sequence[tuple[int, str]], separator: str) -> Iterator[R
 
 
 def _with_few_blanks(text: str) -> str:
-    """A line whose cells are separated by one blank each; none is within or before brackets with a unit."""
+    """Line with single blanks between cells, none in or before units' brackets."""
     text = re.sub(r"\[[^\[\]]*\]|\([^()]*\)", lambda unit_of: unit_of[0].replace(" ", "·"), " ".join(text.split()))
     text = text.replace(" / ", "/")
     return re.sub(r"(?<=[^\s\])]) (?=[\[(])", "", text)
@@ -314,10 +313,10 @@ def _with_few_blanks(text: str) -> str:
 def _find_names(
     rows: list[Row], remarks: dict[int, str], separator: str, head: int | None, names: frozenset[str]
 ) -> tuple[list[Head], int, int] | None:
-    """Heads, their line and the line of the first numbers; None where there are no numbers.
+    """Heads, their line and that of the first numbers; None without numbers.
 
     Raises:
-        TableError: there are several lines of names, or numbers stand below none, or below fewer names.
+        TableError: several lines of names, or numbers without names.
     """
     if head is not None:
         return _names_at(rows, remarks, separator, head)
@@ -340,7 +339,7 @@ def _find_names(
 
 
 def _misplaced_numbers(above: list[Row], row: Row, block: list[Row], separator: str) -> TableError:
-    """The refusal of a line of numbers without names for all of them directly above; `block` are the lines of text."""
+    """Refusal of a line of numbers without names directly above."""
     if block:
         text = "; decimal commas need semicolons or tabs between the columns" if separator == "," else ""
         return TableError(f"line {row.line}: has {row.width} cells below {block[-1].width} names{text}")
@@ -354,7 +353,7 @@ def _misplaced_numbers(above: list[Row], row: Row, block: list[Row], separator: 
 def _names_at(
     rows: list[Row], remarks: dict[int, str], separator: str, head: int
 ) -> tuple[list[Head], int, int] | None:
-    """Heads of the names in a line that is said, it and the line of the first numbers below; None for too few."""
+    """Heads in a given line, it and the line of the first numbers; None for too few."""
     own = _parsed_rows([(head, remarks[head])], separator) if head in remarks else rows
     names = next((row for row in own if row.line == head), None)
     below = [row for row in rows if row.line > head and row.width]
@@ -366,7 +365,7 @@ def _names_at(
 
 
 def _kind_of_cell(cell: str) -> str:
-    """ "gap", "number" (also a date or a time of day) or "text"."""
+    """ "gap", "number" (also date or time) or "text"."""
     if cell.lower() in GAPS:
         return "gap"
     cell = cell.replace("\N{MINUS SIGN}", "-")
@@ -374,13 +373,13 @@ def _kind_of_cell(cell: str) -> str:
 
 
 def _is_number_row(cells: list[str]) -> bool:
-    """Whether a line begins with a number, and has another one or no text."""
+    """Whether a line begins with a number and has another or no text."""
     kinds = [kind for kind in map(_kind_of_cell, cells) if kind != "gap"]
     return len(cells) > 1 and kinds[:1] == ["number"] and ("text" not in kinds or kinds.count("number") > 1)
 
 
 def _rows_above(rows: list[Row], k: int) -> list[Row]:
-    """The lines of text directly above row k, but for empty lines between."""
+    """Lines of text directly above row k."""
     above = rows[:k]
     while above and not above[-1].width:
         above.pop()
@@ -388,13 +387,13 @@ def _rows_above(rows: list[Row], k: int) -> list[Row]:
 
 
 def _is_text_row(cells: list[str]) -> bool:
-    """Whether no cell is a number, but for the unit 1 behind the first."""
+    """Whether no cell is a number, but for a unit 1."""
     filled = [cell for cell in cells if cell]
     return all(_kind_of_cell(cell) == "text" or (k and cell in ("1", "-")) for k, cell in enumerate(filled))
 
 
 def _names_place(block: list[Row], wide: list[int], names: frozenset[str]) -> int:
-    """Which of the lines above the numbers has the names; `wide` are those with enough cells."""
+    """Index of the line of names among those above the numbers."""
     said = [i for i in wide if _says_names(block[i].cells, names) and not _is_unit_row(block[i].cells)]
     if said:
         return said[-1]
@@ -414,18 +413,17 @@ def _says_names(cells: list[str], names: frozenset[str]) -> bool:
 
 
 def _is_unit_row(cells: list[str]) -> bool:
-    """Whether all of a line's cells are units."""
+    """Whether all cells of a line are units."""
     bare = [_cell_without_brackets(cell) for cell in cells if cell]
     return all(unit_of_text(cell) or cell in ("1", "") for cell in bare)
 
 
 def _cell_without_brackets(cell: str) -> str:
-    """A cell without brackets."""
     return cell.strip(" []()")
 
 
 def _heads_of_rows(rows: list[Row]) -> list[Head]:
-    """Heads of the names in the first row, with the units in the next one, if there is one."""
+    """Heads from rows of names and, if present, units."""
     heads = [head_of_cell(cell) for cell in rows[0].cells[: rows[0].width]]
     below = rows[1].cells if len(rows) > 1 else []
     if below and (_is_unit_row(below) or not any(head.unit not in ("", head.name) for head in heads)):
@@ -441,7 +439,7 @@ def _heads_of_rows(rows: list[Row]) -> list[Head]:
 
 
 def _rows_below(lines: list[tuple[int, str]], first: int, separator: str, count: int) -> list[Row]:
-    """The rows from a line on that are not empty; raises TableError for one with more than `count` cells."""
+    """Rows below a line; TableError for more than `count` cells."""
     below = [line for line in lines if line[0] >= first and line[1].strip()]
     rows = [row for row in _parsed_rows(below, separator) if any(row.cells)]
     for row in rows:
@@ -452,7 +450,7 @@ def _rows_below(lines: list[tuple[int, str]], first: int, separator: str, count:
 
 
 def _decimal_sign(rows: list[Row], separator: str) -> str:
-    """The sign before the decimals of all numbers; a point where none has any, and between commas."""
+    """Decimal sign of all numbers, by default a point."""
     if separator == ",":
         return "."
     first: dict[str, tuple[int, str]] = {}

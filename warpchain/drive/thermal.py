@@ -11,9 +11,9 @@ from warpchain.drive.schema import BARE, Allowed, Part, Problem, Value, node_val
 from warpchain.drive.viscosity import REFERENCE, THICKEST, THINNEST
 
 COLDEST, HOTTEST = -100.0, 300.0
-"""Temperatures that drives may have [degrees C], for which coefficients are about constant."""
+"""Coldest and hottest temperature of a drive [degrees C]."""
 MATERIALS = {"steel": 12e-6, "aluminum": 23e-6, "cast iron": 11e-6}
-"""Coefficients of linear expansion by name [1/K]."""
+"""Coefficients of linear expansion by material [1/K]."""
 
 _NAMES = ", ".join(f'"{name}"' for name in MATERIALS)
 _Number = Annotated[float, Field(strict=True, ge=0.0, le=1e-3)]
@@ -29,10 +29,10 @@ Temperature = Annotated[
 
 
 class Expansion(Part):
-    """Coefficients of linear expansion of a drive's parts, or the names of their materials.
+    """Coefficients of linear expansion, or names of materials.
 
     Attributes:
-        block: coefficient of what holds centers, guides and pivots [1/K].
+        block: coefficient of the housing that holds centers, guides and pivots [1/K].
         wheels: coefficient of the sprockets [1/K].
         chain: coefficient of the chains [1/K].
     """
@@ -52,7 +52,7 @@ Expansions = Annotated[Expansion | None, Allowed("must be a table { block, wheel
 
 
 class ExpansionRule(NamedTuple):
-    """The part with which a number of drive files expands, and the power of its factor.
+    """Part with which a number of drive files expands, and the factor's power.
 
     Attributes:
         of: key of `Expansion`.
@@ -99,17 +99,16 @@ GROWS = {
     "probes.radius": _BLOCK,
     "gears.module": _WHEELS,
 }
-"""What grows, by key; `chains` are as `chain`. Other lengths are as files say: displacements, which are motions,
-lifts of valves, and a tensioner's own parts, whose gaps, of one material, change by a thousandth."""
+"""Expansion of numbers by key; others, such as lifts and tensioners' parts, keep the file's values."""
 
 
 def has_other_temperature(drive: Any) -> bool:
-    """Whether a drive has another temperature than the reference."""
+    """Whether a drive's temperature is not the reference."""
     return drive.temperature is not None and drive.temperature != REFERENCE
 
 
 def expansion_factor(drive: Any, of: str) -> float:
-    """l/l_0 of (a) of a part, by the key of `Expansion`; 1 at the reference."""
+    """Expansion l/l_0 of a part of a drive, (a) [-]."""
     if not has_other_temperature(drive):
         return 1.0
     assert drive.temperature is not None
@@ -118,7 +117,7 @@ def expansion_factor(drive: Any, of: str) -> float:
 
 
 def expanded_parts(drive: Any) -> dict[str, Any]:
-    """The parts of a drive, as in its file, that differ at its temperature, by key."""
+    """Parts of a drive that differ at its temperature, by key."""
     factors = {of: expansion_factor(drive, of) for of in Expansion.model_fields}
     found: dict[str, Any] = {}
     for key, value in drive.__dict__.items():
@@ -136,7 +135,7 @@ def expanded_parts(drive: Any) -> dict[str, Any]:
 
 
 def _expanded_value(value: Any, path: str, factors: Mapping[str, float]) -> Any:
-    """A part, a number or a list of them, expanded; the same object where nothing of it expands."""
+    """A part, number or list, expanded; the same object where unchanged."""
     if isinstance(value, Part):
         new = {key: _expanded_value(inner, f"{path}.{key}", factors) for key, inner in value.__dict__.items()}
         changed = {key: inner for key, inner in new.items() if inner is not value.__dict__[key]}
@@ -164,7 +163,7 @@ def _chains_with_pins(chain: Any, factor: float) -> Any:
 
 
 def _wheel_changes(drive: Any, found: Mapping[str, Any], factors: Mapping[str, float]) -> dict[str, Any]:
-    """Pitch and clearance of teeth on wheels that expand otherwise than the chain."""
+    """Pitch and clearance of teeth on sprockets that expand unlike the chain."""
     chains = drive.each_chain
     pitches = {node_value(chain, "name"): chain.pitch for chain in chains}
     radii = [chain.roller_radius for chain in chains]
@@ -192,7 +191,7 @@ def _tensioner_with_oil(tensioner: Any, temperature: float | None) -> Any:
 
 
 def clearance_rules(drive: Any) -> Iterator[Problem]:
-    """Problems of rollers that do not fit into the seats at the drive's temperature."""
+    """Problems of rollers that do not fit seats at the drive's temperature."""
     clearance = drive.contact.sprocket.clearance
     if clearance is not None and clearance < 0.0:
         text = "must be at least 0: wheels of another material than the chain grow into its rollers"
@@ -200,7 +199,7 @@ def clearance_rules(drive: Any) -> Iterator[Problem]:
 
 
 def oil_rules(drive: Any) -> Iterator[Problem]:
-    """Problems of oils that are unknown, or solid, at the drive's temperature."""
+    """Problems of oils that are unknown or solid at the drive's temperature."""
     temperature = drive.temperature
     assert temperature is not None
     for t, tensioner in enumerate(drive.tensioners):

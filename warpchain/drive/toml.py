@@ -1,8 +1,6 @@
 """TOML text of nested tables, as drive files have them.
 
-Written here, since the standard library only reads TOML, and tomlkit, which `warpchain fit` edits files with, spaces
-inline tables otherwise (drives in archives keep their text), takes 25 times as long for a drive, of which an archive
-may hold thousands, and time that grows with the square of an array's length.
+Own code, as tomlkit is 25 times slower and formats inline tables otherwise.
 """
 
 from __future__ import annotations
@@ -22,10 +20,10 @@ _LONGEST = 60
 
 
 def parse_toml(text: str, source: str) -> dict[str, Any]:
-    """The tables of a TOML text.
+    """Tables of a TOML text.
 
     Raises:
-        DriveError: for text that is not TOML; one line with line and column.
+        DriveError: no TOML; names line and column.
     """
     try:
         return tomllib.loads(text)
@@ -40,10 +38,7 @@ def parse_toml(text: str, source: str) -> dict[str, Any]:
 
 
 def toml_text(tables: Mapping[str, Any]) -> str:
-    """TOML text that `tomllib` reads back equal: numbers and texts, `[table]`, `[[list of tables]]`.
-
-    Numbers are written with `repr`, so floats keep every bit.
-    """
+    """TOML text that `tomllib` reads back equal, floats with every bit."""
     alone = {name: value for name, value in tables.items() if not isinstance(value, Mapping | list | tuple)}
     rest = {name: value for name, value in tables.items() if name not in alone}
     blocks = [list(_key_lines(alone))] if alone else []
@@ -51,7 +46,7 @@ def toml_text(tables: Mapping[str, Any]) -> str:
 
 
 def _table_blocks(tables: Mapping[str, Any], above: tuple[str, ...]) -> Iterator[list[str]]:
-    """The lines of a table and of those below it, table by table."""
+    """Lines of a table, then of those below it."""
     for name, value in tables.items():
         head = ".".join(_toml_key(word) for word in (*above, name))
         if isinstance(value, Mapping) and value and all(isinstance(inner, Mapping) for inner in value.values()):
@@ -64,26 +59,24 @@ def _table_blocks(tables: Mapping[str, Any], above: tuple[str, ...]) -> Iterator
 
 
 def _key_lines(table: Mapping[str, Any]) -> Iterator[str]:
-    """The lines of a table's plain keys."""
     for key, value in table.items():
         yield f"{_toml_key(key)} = {inline_value(value)}"
 
 
 def _toml_key(key: str) -> str:
-    """A key, quoted if it must be."""
+    """TOML key, quoted if needed."""
     return key if _BARE_KEY.fullmatch(key) else _quoted_text(key)
 
 
 def _quoted_text(text: str) -> str:
-    """A text in quotes."""
     return json.dumps(text, ensure_ascii=False).replace("\x7f", "\\u007f")
 
 
 def inline_value(value: Any, real: Callable[[float], str] = float.__repr__) -> str:
-    """A value to the right of an equals sign, its floats by `real`.
+    """A value in TOML, its floats written by `real`.
 
     Raises:
-        TypeError: for a type that TOML does not have.
+        TypeError: no type of TOML.
     """
     if isinstance(value, bool):
         return "true" if value else "false"
@@ -102,12 +95,12 @@ def inline_value(value: Any, real: Callable[[float], str] = float.__repr__) -> s
 
 
 def key_text(word: str) -> str:
-    """A key for an error line: quoted if it would break the line."""
+    """A key in an error line, quoted if needed."""
     return word if word.isprintable() else _quoted_text(word)
 
 
 def value_text(value: Any) -> str:
-    """A value for an error line: as TOML where it can be, numbers as `number_text`, on one line, cut short."""
+    """A value in an error line, as TOML where possible, shortened."""
     try:
         text = inline_value(value.item() if getattr(value, "ndim", None) == 0 else value, number_text)
     except TypeError:

@@ -1,4 +1,4 @@
-"""Tooth gaps: seat arc, flanks and tips, as the drive or ISO 606 gives them, and their outlines."""
+"""Tooth gaps of sprockets: seat arc, flanks and tips, given or of ISO 606, and their outlines."""
 
 from __future__ import annotations
 
@@ -18,13 +18,13 @@ MARGIN = math.radians(5.0)
 
 @dataclass(frozen=True)
 class Tooth:
-    """The gap between two teeth, the same on both sides.
+    """Gap between two teeth of a sprocket, symmetric.
 
     Attributes:
-        seat_radius: of the arc that the roller lies in [m], at least the roller's.
-        seat_angle: between the normals of the two flanks where they begin [rad]: the arc's extent.
-        flank_radius: of the convex flanks, tangent to the arc [m]; infinite for straight ones.
-        tip_radius: at which the teeth end [m], from the sprocket's center.
+        seat_radius: of the seat arc [m].
+        seat_angle: extent of the seat arc [rad].
+        flank_radius: of the convex flanks [m]; infinite for straight ones.
+        tip_radius: from the sprocket's center [m].
     """
 
     seat_radius: float
@@ -33,24 +33,20 @@ class Tooth:
     tip_radius: float
 
     def pressure_angle(self, teeth: int) -> float:
-        """Angle between a seated roller's link and the normal of the flank where it begins [rad].
+        """Angle phi between a seated roller's link and the flank's first normal [rad].
 
-        pi/2 - seat_angle/2 - pi/z: what the tension of a seated chain falls by follows from it,
-        T_(i+1) / T_i = sin(phi) / sin(phi + 2 pi/z).
+        phi = pi/2 - seat_angle/2 - pi/z; T_(i+1) / T_i = sin(phi) / sin(phi + 2 pi/z).
         """
         return 0.5 * math.pi - 0.5 * self.seat_angle - math.pi / teeth
 
     def normal(
         self, xi: NDArray[np.float64], eta: NDArray[np.float64], roller_radius: float
     ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Direction of the force on a roller in the gap, that of seat arc or flank; tips are left out.
+        """Direction of a tooth gap's force on a roller, outward and counter-clockwise (...), tips left out.
 
         Args:
-            xi, eta: (...) place of the roller's center from the seat, outward and counter-clockwise [m].
+            xi, eta: (...) roller's center from the seat, outward and counter-clockwise [m].
             roller_radius: [m].
-
-        Returns:
-            (...), (...) components outward and counter-clockwise, as `kernels/physics/tooth.py` has them.
         """
         import numpy as np
 
@@ -67,7 +63,7 @@ class Tooth:
 
 
 def iso606_tooth(gap: str, roller_radius: float, teeth: int, pitch: float) -> Tooth:
-    """The "minimum" or "maximum" tooth gap of ISO 606; lengths in meters."""
+    """Minimum or maximum tooth gap of ISO 606 for radius and pitch [m]."""
     d1 = 2.0 * roller_radius
     pitch_diameter = pitch / math.sin(math.pi / teeth)
     if gap == "minimum":
@@ -87,12 +83,7 @@ def iso606_tooth(gap: str, roller_radius: float, teeth: int, pitch: float) -> To
 
 @elementwise
 def releasing_seat_angle(pitch_radius: float, pitch: float) -> float:
-    """Largest seating angle whose straight flanks let the rollers of a straight strand go [rad].
-
-    Args:
-        pitch_radius: R [m].
-        pitch: the chain's pitch p [m].
-    """
+    """Largest seating angle whose straight flanks release a straight strand's rollers [rad]."""
     reach = pitch_radius + 0.5 * pitch
     s = math.sqrt(reach * reach - pitch_radius * pitch_radius)
     behind = s / pitch_radius - math.atan2(s, pitch_radius)
@@ -100,15 +91,12 @@ def releasing_seat_angle(pitch_radius: float, pitch: float) -> float:
 
 
 def default_seat_angle(teeth: int, pitch_radius: float, pitch: float) -> float:
-    """Seating angle of a circular profile that gives none [rad]: 140 degrees - 90 degrees / z, or the releasing one."""
+    """Default seating angle of a circular profile [rad]: 140 degrees - 90 degrees / z, or the releasing one."""
     return minimum(math.radians(140.0 - 90.0 / teeth), releasing_seat_angle(pitch_radius, pitch) - MARGIN)
 
 
 def half_gap_outline(tooth: Tooth, teeth: int, pitch_radius: float, arc_points: int = 9) -> NDArray[np.float64]:
-    """Surface from the middle of a gap to the middle of the next tooth (P, 2) [m], the seat at (pitch_radius, 0).
-
-    Seat arc, flank, and the tip where the flank reaches it before the tooth's middle.
-    """
+    """Outline from a gap's middle to the next tooth's (P, 2) [m], the seat at (pitch_radius, 0)."""
     import numpy as np
 
     half_seat, half_pitch = 0.5 * tooth.seat_angle, math.pi / teeth
@@ -138,7 +126,7 @@ def half_gap_outline(tooth: Tooth, teeth: int, pitch_radius: float, arc_points: 
 
 
 def gap_outline(tooth: Tooth, teeth: int, pitch_radius: float, arc_points: int = 9) -> NDArray[np.float64]:
-    """Surface from the middle of a tooth to that of the next (P, 2) [m], the seat at (pitch_radius, 0)."""
+    """Outline of a gap between teeth's middles (P, 2) [m], the seat at (pitch_radius, 0)."""
     import numpy as np
 
     half = half_gap_outline(tooth, teeth, pitch_radius, arc_points)
@@ -146,7 +134,7 @@ def gap_outline(tooth: Tooth, teeth: int, pitch_radius: float, arc_points: int =
 
 
 def teeth_outline(tooth: Tooth, teeth: int, pitch_radius: float, arc_points: int = 9) -> NDArray[np.float64]:
-    """Closed outline of all teeth about the sprocket's center (P, 2) [m], a seat at (pitch_radius, 0)."""
+    """Closed outline of a sprocket's teeth (P, 2) [m], a seat at (pitch_radius, 0)."""
     import numpy as np
 
     gap = gap_outline(tooth, teeth, pitch_radius, arc_points)

@@ -1,4 +1,4 @@
-"""Rules of shafts, gears, couplings and motors: their contradictions, and the values that would fit."""
+"""Rules of shafts, gears, couplings and motors: contradictions, and values that would fit."""
 
 from __future__ import annotations
 
@@ -30,14 +30,14 @@ from warpchain.drive.shafts import FIXED, Shaft
 from warpchain.drive.sprocket import Sprocket
 
 MOST_BODIES = 60
-"""Sprockets and shafts of a drive with shafts, gears or couplings."""
+"""Most sprockets and shafts of a drive with shafts, gears or couplings."""
 
 SAME = 1e-6
-"""Of speeds that have to agree."""
+"""Tolerance of speeds that must agree [-]."""
 
 
 def train_rules(drive: Any) -> Iterator[Problem]:
-    """Problems of all that ties or turns shafts."""
+    """Problems of shafts, gears, couplings and motors."""
     several = bool(node_list(drive, "chains"))
     on_shafts = any(node_value(sprocket, "shaft") is not None for sprocket in node_list(drive, "sprockets"))
     if not (several or on_shafts or has_trains(drive)):
@@ -66,7 +66,7 @@ def train_rules(drive: Any) -> Iterator[Problem]:
 
 
 def _known_shaft_rules(drive: Any, names: Sequence[str]) -> Iterator[Problem]:
-    """Problems of names of shafts that are not there."""
+    """Problems of unknown names of shafts."""
     shafts = [name for name in (node_value(part, "name") for part in node_list(drive, "shafts")) if is_name(name)]
     several = node_list(drive, "chains")  # `chain_rules.shaft_group_rules`
     for s, sprocket in enumerate(node_list(drive, "sprockets") if not several else ()):
@@ -83,7 +83,7 @@ def _known_shaft_rules(drive: Any, names: Sequence[str]) -> Iterator[Problem]:
 
 
 def _inertia_rules(drive: Any, names: Sequence[str]) -> Iterator[Problem]:
-    """Problems of trains, in drives with several chains, without any inertia."""
+    """Problems of trains without inertia in drives of several chains."""
     tied, parts = rigid_ratios(drive), [*node_list(drive, "sprockets"), *node_list(drive, "shafts")]
     sound = {tied.root[b] for b, of in enumerate(parts) if node_value(of, "inertia") or node_value(of, "prescribed")}
     count = len(node_list(drive, "sprockets"))
@@ -95,10 +95,7 @@ def _inertia_rules(drive: Any, names: Sequence[str]) -> Iterator[Problem]:
 
 
 def _shaft_sprocket_rules(drive: Any, several: bool) -> Iterator[Problem]:
-    """Problems of sprockets on shafts with a motion of their own, or with another center or mount.
-
-    Of `several` chains the first sprocket may have the motion, and `chain_rules` has the rest.
-    """
+    """Problems of sprockets on shafts with another motion, center or mount."""
     rigidly = {tie.b for tie in body_ties(drive) if tie.kind == "shaft"}
     first: dict[str, Any] = {}
     shafts = [node_value(shaft, "name") for shaft in node_list(drive, "shafts")]
@@ -129,7 +126,7 @@ def _shaft_sprocket_rules(drive: Any, several: bool) -> Iterator[Problem]:
 
 
 def _plain_value(value: Any) -> Any:
-    """A center or a mount that can be compared and shown."""
+    """A center or mount that can be compared and shown."""
     if value is None:
         return "fixed"
     if hasattr(value, "model_dump"):
@@ -140,7 +137,7 @@ def _plain_value(value: Any) -> Any:
 
 
 def _gearbox_rules(drive: Any, names: Sequence[str]) -> Iterator[Problem]:
-    """Problems of ratios that are not between two shafts, or that change between two that something else ties."""
+    """Problems of gearbox ratios that are not between two shafts, or contradict ties."""
     on_shaft = [{str(node_value(of, "name")), str(node_value(of, "shaft"))} for of in node_list(drive, "sprockets")]
     for c, coupling in enumerate(node_list(drive, "couplings")):
         between = set(map(str, node_list(coupling, "between")))
@@ -158,7 +155,7 @@ def _gearbox_rules(drive: Any, names: Sequence[str]) -> Iterator[Problem]:
 
 
 def _contradiction_rules(drive: Any, names: Sequence[str]) -> Iterator[Problem]:
-    """Problems of gears, shafts and couplings that contradict each other, and of gears between two motions."""
+    """Problems of ties that contradict each other, and of gears between two motions."""
     _, wrong = ratios_with_chains(drive)
     for tie, known in wrong:
         yield _contradiction_problem(drive, names, tie, known)
@@ -205,13 +202,12 @@ def _carried_part_rules(drive: Any, names: Sequence[str]) -> Iterator[Problem]:
 
 
 def _ratio_text(ratio: Fraction) -> str:
-    """A ratio in words."""
     size = f"{float(abs(ratio)):.6g} times as fast"
     return size if ratio > 0 else f"{size}, the other way round,"
 
 
 def _contradiction_problem(drive: Any, names: Sequence[str], tie: BodyTie, known: Fraction) -> Problem:
-    """The problem of a tie that contradicts a known ratio."""
+    """Problem of a tie that contradicts a known ratio."""
     a, b = names[tie.a], names[tie.b]
     has = f'the rest of the drive turns "{b}" {_ratio_text(known)} as "{a}"'
     if tie.kind == "gears":
@@ -230,7 +226,7 @@ def _contradiction_problem(drive: Any, names: Sequence[str], tie: BodyTie, known
 
 
 def _has_known_ties(drive: Any, names: Sequence[str], found: Sequence[BodyTie]) -> bool:
-    """Whether all ties between bodies are known, so that a body that nothing turns is an error of its own."""
+    """Whether all ties between bodies are known."""
     paths, parts = {tie.path for tie in found}, node_list(drive, "sprockets")
     for kind in ("gears", "couplings"):
         there = node_list(drive, kind)
@@ -244,7 +240,7 @@ def _has_known_ties(drive: Any, names: Sequence[str], found: Sequence[BodyTie]) 
 def _prescribed_speed_rules(
     parts: Sequence[Any], names: Sequence[str], tied: TiedRatios, count: int
 ) -> Iterator[Problem]:
-    """Problems of constant speeds at two places that gears, shafts and chains do not allow together."""
+    """Problems of constant speeds that ties and chains do not allow together."""
     first: dict[int, int] = {}
     for b, part in enumerate(parts):
         speed = node_value(node_value(part, "prescribed"), "speed")
@@ -260,7 +256,7 @@ def _prescribed_speed_rules(
 
 
 def _motion_source_rules(drive: Any, names: Sequence[str], whole: bool) -> Iterator[Problem]:
-    """Problems of shafts that nothing turns, and of speeds at the start that contradict each other."""
+    """Problems of shafts that nothing turns, and of start speeds that contradict each other."""
     count = len(node_list(drive, "sprockets"))
     parts = [*node_list(drive, "sprockets"), *node_list(drive, "shafts")]
     all_of, _ = ratios_with_chains(drive)

@@ -1,13 +1,13 @@
 """Valve trains: groups of like valves that the cams of a sprocket or a shaft lift.
 
-A valve's lift l(phi) is periodic over the forward angle of its shaft since the start, less its phase: a table, or a
-profile of a rise, a dwell and a fall. A flank of the profile from 0 to 1 over s from 0 to 1 is
+A lift l(phi) is periodic over the shaft's forward angle less its phase: a table, or a profile of rise, dwell and fall
+with flanks
 
     polynomial  35 s^4 - 84 s^5 + 70 s^6 - 20 s^7    (4-5-6-7: no acceleration, no jerk at its ends)
     cycloid     s - sin(2 pi s) / (2 pi)             (no acceleration at its ends)
     cosine      (1 - cos(pi s)) / 2                  (its acceleration jumps at its ends)
 
-Rows are joined by a periodic cubic spline, so that the acceleration of a follower does not jump between them.
+for s from 0 to 1, joined by a periodic cubic spline.
 """
 
 from __future__ import annotations
@@ -47,13 +47,13 @@ if TYPE_CHECKING:
     Array = NDArray[np.float64]
 
 MOST_VALVES = 64
-"""Most valves at a place, and places, of a group."""
+"""Most valves a phase, and most phases, of a group."""
 MOST_LIFT = 0.25
-"""Largest lift [m], more than twice that of the largest engines' exhaust valves; beyond it millimeters were meant."""
+"""Largest lift of a valve [m]."""
 STEEPEST = 0.25
-"""Part of a table's largest rise that the lift may change by from row to row: more is a jump."""
+"""Largest change of a lift from row to row, over the table's rise [-]."""
 ROWS = 720
-"""Rows of a turn of a profile."""
+"""Rows of a turn of a cam's profile."""
 
 Phases = Annotated[
     tuple[Annotated[float, Field(strict=True, allow_inf_nan=False)], ...],
@@ -74,7 +74,7 @@ Shape = Annotated[
 
 @dataclass(frozen=True)
 class LiftCurve:
-    """A periodic lift as a table, without its factor.
+    """Periodic lift of a valve as a table, without its factor.
 
     Attributes:
         over: angles [rad], ascending over the period.
@@ -86,29 +86,29 @@ class LiftCurve:
 
     @property
     def angle(self) -> tuple[float, ...]:
-        """The angles, as of a table over angle."""
+        """Angles of the lift's table [rad]."""
         return self.over
 
     @property
     def revolutions(self) -> float:
-        """The period in revolutions, one or an equal part of it."""
+        """Period of the lift in revolutions."""
         return 1.0 / round(2.0 * math.pi / (self.over[-1] - self.over[0]))
 
     @cached_property
     def spline(self) -> CubicSpline:
-        """The spline through the rows."""
+        """Spline through the lift's rows."""
         from scipy.interpolate import CubicSpline  # here, since it takes a quarter of a second
 
         return CubicSpline(self.over, self.values, bc_type="periodic")
 
     @cached_property
     def largest_slopes(self) -> tuple[float, float]:
-        """Largest magnitudes of the first and the second derivative."""
+        """Largest magnitudes of the lift's first and second derivative."""
         _, slope, bend = self.lift_and_slopes()
         return float(abs(slope).max()), float(abs(bend).max())
 
     def lift_and_slopes(self) -> tuple[Array, Array, Array]:
-        """Lift and its first and second derivative by the angle over a turn from angle 0 on, (`ROWS`,) each."""
+        """Lift and its two derivatives by angle over a turn, (`ROWS`,) each."""
         import numpy as np  # here, since drives are read without it
 
         turn = np.linspace(0.0, 2.0 * np.pi, ROWS, endpoint=False)
@@ -116,13 +116,12 @@ class LiftCurve:
 
 
 class LiftTable(Part):
-    """Lift over the forward angle of the shaft, row by row, once around or an equal part of that.
+    """Lift of a valve over the shaft's forward angle, row by row.
 
     Attributes:
-        angle: forward angle [rad], ascending over one revolution or 1/2, 1/3 ... of one, after which it begins anew.
-        lift: lift [m]; the last row repeats the first, and from row to row it changes by a quarter of the largest rise
-            at most; times the factor within `MOST_LIFT`.
-        factor: lifts are multiplied by it.
+        angle: forward angle [rad], ascending over one revolution or an equal part of one, after which it begins anew.
+        lift: lift [m]; the last row repeats the first.
+        factor: factor of the lifts.
     """
 
     angle: Column
@@ -131,7 +130,7 @@ class LiftTable(Part):
 
     @cached_property
     def curve(self) -> LiftCurve:
-        """The lift before the factor."""
+        """Lift of the valve without its factor."""
         return LiftCurve(self.angle, self.lift)
 
     @classmethod
@@ -155,7 +154,7 @@ class LiftTable(Part):
 
 
 def _periodic_lift_rules(angle: Any, lift: Any) -> Iterator[Problem]:
-    """Problems of a lift that does not close over its period, or that jumps."""
+    """Problems of a lift that does not close over its period, or jumps."""
     turn, last = angle[-1] - angle[0], len(angle) - 1
     parts = round(2.0 * math.pi / turn)
     if parts < 1 or abs(turn * parts / (2.0 * math.pi) - 1.0) > TURN_TOLERANCE:
@@ -178,14 +177,14 @@ def _periodic_lift_rules(angle: Any, lift: Any) -> Iterator[Problem]:
 
 
 class LiftProfile(Part):
-    """A lift that rises from 0 where the cam begins, dwells, falls back to 0, and stays there until the next turn.
+    """Lift of a valve that rises from 0 at the cam's begin, dwells, and falls.
 
     Attributes:
-        shape: law of both flanks: "polynomial" (4-5-6-7), "cycloid" or "cosine".
-        lift: the largest [m].
-        rise: angle of the shaft over which it rises [degrees].
-        dwell: angle over which it stays [degrees].
-        fall: angle over which it falls [degrees].
+        shape: law of both flanks.
+        lift: largest lift [m].
+        rise: shaft angle over which it rises [degrees].
+        dwell: shaft angle over which it stays [degrees].
+        fall: shaft angle over which it falls [degrees].
     """
 
     shape: Shape = "polynomial"
@@ -196,7 +195,7 @@ class LiftProfile(Part):
 
     @property
     def curve(self) -> LiftCurve:
-        """The lift over its largest [-]."""
+        """Lift of the valve over its largest [-]."""
         return profile_curve(self.shape, self.rise, self.dwell, self.fall)
 
     @classmethod
@@ -218,12 +217,12 @@ FLANKS = {
     "cycloid": lambda s: s - math.sin(2.0 * math.pi * s) / (2.0 * math.pi),
     "cosine": lambda s: 0.5 * (1.0 - math.cos(math.pi * s)),
 }
-"""A flank from 0 to 1 over s from 0 to 1."""
+"""Flanks from 0 to 1 of a valve's lift by name."""
 
 
 @cache
 def profile_curve(shape: str, rise: float, dwell: float, fall: float) -> LiftCurve:
-    """The lift of a profile over its largest; angles in degrees."""
+    """Lift of a profile over its largest [-]; angles in degrees."""
     degrees = [360.0 * row / ROWS for row in range(ROWS)]
     parts = (min(angle / rise, (rise + dwell + fall - angle) / fall, 1.0) for angle in degrees)
     lift = [FLANKS[shape](max(part, 0.0)) for part in parts]
@@ -231,11 +230,11 @@ def profile_curve(shape: str, rise: float, dwell: float, fall: float) -> LiftCur
 
 
 class ValveSpring(Part):
-    """The spring that presses a follower on its cam.
+    """Spring that presses a follower on its cam.
 
     Attributes:
-        preload: its force at lift 0 [N].
-        stiffness: its stiffness [N/m].
+        preload: force at lift 0 [N].
+        stiffness: stiffness [N/m].
     """
 
     preload: NonNegative
@@ -244,7 +243,7 @@ class ValveSpring(Part):
 
 @lru_cache(maxsize=64)
 def _slowest_lift_ripple(curve: LiftCurve, phases: tuple[float, ...]) -> int:
-    """`slowest_ripple` of the slopes of lifts that begin at these phases [degrees]."""
+    """Periods per turn of the slowest ripple of lifts' slopes with phases [degrees]."""
     import numpy as np  # here, since drives are read without it
 
     shifts = np.exp(-1j * np.outer(np.arange(ROWS // 2 + 1), np.radians(phases))).sum(axis=1)
@@ -252,18 +251,18 @@ def _slowest_lift_ripple(curve: LiftCurve, phases: tuple[float, ...]) -> int:
 
 
 class Valves(Part):
-    """A group of like valves on a sprocket or a shaft.
+    """A group of like valves on a sprocket or shaft.
 
     Attributes:
         name: unique among all parts.
-        on: the sprocket or shaft whose cams lift them.
-        number: how many valves each phase has.
-        phases: forward angles of the shaft at which a cam's table or profile begins [degrees].
-        phase: angle by which all begin later [degrees].
-        mass: mass that moves with a valve, at the valve [kg].
-        spring: spring that closes a valve.
-        profile: its lift as a profile; this or a table.
-        table: its lift as a table.
+        on: sprocket or shaft whose cams lift them.
+        number: number of valves of each phase.
+        phases: forward angles at which the cams begin [degrees].
+        phase: further angle of all [degrees].
+        mass: moving mass of a valve, at the valve [kg].
+        spring: spring of a valve.
+        profile: lift as a profile; this or a table.
+        table: lift as a table.
     """
 
     name: Name
@@ -278,24 +277,24 @@ class Valves(Part):
 
     @property
     def curve(self) -> LiftCurve:
-        """The lift before `height`."""
+        """Lift of the valves without `height`."""
         of = self.profile or self.table
         assert of is not None  # the rule below
         return of.curve
 
     @property
     def height(self) -> float:
-        """Factor of the curve."""
+        """Factor of the valves' lift curve."""
         return self.table.factor if self.profile is None else self.profile.lift  # type: ignore[union-attr]
 
     def lifts(self) -> tuple[Array, Array, Array]:
-        """Lift and its derivatives by the angle over a turn, (`ROWS`,) each [m]."""
+        """Lift [m] and its two derivatives by angle over a turn, (`ROWS`,) each."""
         lift, slope, bend = (self.height * of for of in self.curve.lift_and_slopes())
         return lift, slope, bend
 
     @property
     def float_speed(self) -> float:
-        """Speed of the shaft above which a follower would lift off [rad/s], while it turns evenly; inf without any.
+        """Even shaft speed above which a follower lifts off [rad/s], infinite without any.
 
         The least sqrt((F_0 + k l) / (-m l'')).
         """
@@ -306,12 +305,12 @@ class Valves(Part):
 
     @property
     def slowest_order(self) -> float:
-        """Periods per revolution of the slowest ripple of its torque (`slowest_ripple`), by the slopes of all lifts."""
+        """Periods per revolution of the valves' slowest torque ripple."""
         return float(_slowest_lift_ripple(self.curve, tuple(self.phases)))
 
     @property
     def torsional_stiffness(self) -> Any:
-        """Bound of sum k l'^2 + (F_0 + k l) l'' [N m/rad]."""
+        """Upper bound of the valves' sum k l'^2 + (F_0 + k l) l'' [N m/rad]."""
         steepest, most = self.curve.largest_slopes
         springs = self.spring.stiffness * self.height * steepest**2
         springs = springs + (self.spring.preload + self.spring.stiffness * self.height * max(self.curve.values)) * most
@@ -327,7 +326,7 @@ class Valves(Part):
 
 
 def valve_rules(drive: Any) -> Iterator[Problem]:
-    """Problems of valves that are not on a sprocket or shaft, or beside a balance wheel."""
+    """Problems of valves on unknown bodies, or beside a balance wheel."""
     parts = [*node_list(drive, "sprockets"), *node_list(drive, "shafts")]
     names = [str(node_value(part, "name")) for part in parts if is_name(node_value(part, "name"))]
     wheels = [node_value(part, "name") for part in parts if node_value(part, "balance_wheel") is not None]

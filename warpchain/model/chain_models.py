@@ -1,9 +1,7 @@
-"""The chains of a drive as models, each with the parts that belong to it.
+"""Chains of a drive as models, each with its parts.
 
-Bodies that shafts, gears and couplings tie are a group. It is part of one chain, its home: the one that turns it, or
-the first that it turns. There its sprockets of other chains are shafts (`SprocketShaft`). In the other chains such a
-sprocket has the inertia of its train, and is led or prescribed as that is; in a run it turns as the shaft at home
-(`shared_bodies`).
+Bodies that shafts, gears and couplings tie are a group. Its home is the chain that turns it, or the first that it
+turns; there its sprockets of other chains are shafts (`SprocketShaft`), with which they turn in a run.
 """
 
 from __future__ import annotations
@@ -32,19 +30,19 @@ from warpchain.model.trains import inertia_of_body, prescribed_leader, train_ine
 
 
 class StartMotion(NamedTuple):
-    """Speed of a body at the start: a motion, and the ratio at which the body turns to it."""
+    """Start motion of a body: a motion, and the body's ratio to it."""
 
     motion: Prescribed
     ratio: Any
 
 
 class _MotionPlan:
-    """The way of motion through the chains and groups of a drive.
+    """Order of motion through a drive's chains and groups.
 
     Attributes:
-        group: of each body, a number that those tied to it share.
-        leaders: of each chain the sprocket that leads it, in the order of motion.
-        home: of each group, its chain.
+        group: of each body, its group's number.
+        leaders: sprocket that leads each chain, in the order of motion.
+        home: chain of each group.
     """
 
     def __init__(self, drive: Drive) -> None:
@@ -76,20 +74,20 @@ class _MotionPlan:
         return [s for s, sprocket in enumerate(self.drive.sprockets) if sprocket.chain == name]
 
     def home_chain(self, b: int) -> str:
-        """Name of the home chain of body b."""
+        """Name of a body's home chain."""
         return self.home[self.group[b]]
 
     def speed_ratio(self, b: int, other: int) -> float:
-        """Forward speed of body b over that of another; 1 where nothing ties them."""
+        """Forward speed of a body over another's; 1 where nothing ties them."""
         alike = self.tied.root[b] == self.tied.root[other]
         return abs(float(self.tied.ratio[b] / self.tied.ratio[other])) if alike else 1.0
 
     def group_bodies(self, b: int) -> list[int]:
-        """The bodies of b's group."""
+        """Bodies of a body's group."""
         return [other for other, group in enumerate(self.group) if group == self.group[b]]
 
     def bodies_and_chains_beyond(self, s: int) -> tuple[list[int], list[str]]:
-        """Bodies and chains that are turned by way of sprocket s, which leads its chain."""
+        """Bodies and chains turned through a leading sprocket."""
         chains, bodies = [name for name, leader in self.leaders.items() if leader == s], list[int]()
         for name in chains:  # which grows
             new = [b for b in self._bodies_turned_by_chain(name) if b not in bodies]
@@ -105,11 +103,10 @@ class _MotionPlan:
 
 
 def chain_models(drive: Drive, loaded: bool = False) -> tuple[ChainModel, ...]:
-    """The chains of a drive, or of a stack of drives, one or more.
+    """Chains of a drive, or of a stack of drives, as models.
 
     Args:
-        loaded: whether shafts that stand for other chains' sprockets have the loads that these turn, as figures before
-            a run need.
+        loaded: whether `SprocketShaft`s have the loads that they turn, for figures before a run.
     """
     if not drive.chains:
         parts = {kind: getattr(drive, kind) for kind in (*CHAIN_PARTS, *TRAIN_PARTS)}
@@ -125,14 +122,14 @@ def chain_models(drive: Drive, loaded: bool = False) -> tuple[ChainModel, ...]:
 
 @cache
 def _own_places(counts: tuple[int, ...]) -> Mapping[str, tuple[int, ...]]:
-    """Places of a single chain's parts by list, which are those in the drive."""
+    """Indices of a single chain's parts, by list."""
     return {kind: tuple(range(count)) for kind, count in zip((*CHAIN_PARTS, *TRAIN_PARTS), counts, strict=True)}
 
 
 def _chain_model(
     plan: _MotionPlan, name: str, found: dict[str, ChainModel], starts: dict[str, StartMotion], loaded: bool
 ) -> ChainModel:
-    """A chain, after those before it in the order of motion."""
+    """Model of a chain, after those before it in the order of motion."""
     drive, count, places = plan.drive, plan.count, chain_part_places(plan.drive, name)
     mine = [b for b in range(len(plan.names)) if plan.home_chain(b) == name]
     places["shafts"] = tuple(b - count for b in mine if b >= count)
@@ -169,7 +166,7 @@ def _chain_model(
 
 
 def _motions_by_own_angle(plan: _MotionPlan, b: int, names: set[str]) -> dict[str, Any]:
-    """Motion, load and motor of body b by key, by the angles of bodies of its chain."""
+    """Motion, load and motor of a body by angles within its chain."""
     part = part_of_body(plan.drive, b)
     given = {key: getattr(part, key, None) for key in ("prescribed", "load", "motor")}
     return {
@@ -180,12 +177,12 @@ def _motions_by_own_angle(plan: _MotionPlan, b: int, names: set[str]) -> dict[st
 
 
 def _speed_ratio_by_name(plan: _MotionPlan, b: int) -> Any:
-    """A function that gives the speed of a named body over that of body b."""
+    """Function from a body's name to its speed over body b's."""
     return lambda name: plan.speed_ratio(plan.names.index(name), b)
 
 
 def _sprocket_away_from_home(plan: _MotionPlan, s: int, names: set[str]) -> Sprocket:
-    """Sprocket s in a chain that is not its home, with the inertia and the motion of its train."""
+    """Sprocket away from its home chain, with inertia and motion of its train."""
     drive, sprocket = plan.drive, plan.drive.sprockets[s]
     led_by, first = prescribed_leader(drive, s), train_of_body(drive, s).bodies[0]
     changes = _motions_by_own_angle(plan, s, names) | {"shaft": plan.names[first], "prescribed": None}
@@ -197,7 +194,7 @@ def _sprocket_away_from_home(plan: _MotionPlan, s: int, names: set[str]) -> Spro
 
 
 def _motion_at_ratio(plan: _MotionPlan, leader: int, b: int, names: set[str]) -> Prescribed:
-    """The motion of body b, which turns in a fixed ratio with a body that is prescribed."""
+    """Prescribed motion of a body by its ratio to a leader."""
     own = motion_by_own_angle(part_of_body(plan.drive, leader).prescribed, names, _speed_ratio_by_name(plan, leader))
     ratio, table = plan.speed_ratio(b, leader), own.table
     if table is not None:
@@ -214,7 +211,7 @@ def _motion_at_ratio(plan: _MotionPlan, leader: int, b: int, names: set[str]) ->
 def _led_sprocket(
     plan: _MotionPlan, s: int, sprocket: Sprocket, found: dict[str, ChainModel], starts: dict[str, StartMotion]
 ) -> LedSprocket:
-    """Sprocket s, which leads its chain and which another chain turns."""
+    """Sprocket that another chain turns, as its chain's leader."""
     home = found[plan.home_chain(s)]
     turned = plan.speed_ratio(s, home.places["sprockets"][home.driver])
     start = _start_motion(plan, s, found, starts)
@@ -226,7 +223,7 @@ def _led_sprocket(
 def _start_motion(
     plan: _MotionPlan, b: int, found: dict[str, ChainModel], starts: dict[str, StartMotion]
 ) -> StartMotion:
-    """Speed of body b at the start: as shafts and gears tie it, else chains, else couplings."""
+    """Start motion of a body by shafts and gears, else chains, else couplings."""
     for other in (b, *plan.group_bodies(b)):
         start = _train_start_motion(plan, other, found, starts)
         if start is not None:
@@ -237,7 +234,7 @@ def _start_motion(
 def _train_start_motion(
     plan: _MotionPlan, b: int, found: dict[str, ChainModel], starts: dict[str, StartMotion]
 ) -> StartMotion | None:
-    """Speed of body b at the start by its train or a chain around it; None where that is not known."""
+    """Start motion of a body by its train or chains; None without one."""
     train = train_of_body(plan.drive, b).bodies
     for other in train:
         part, home = part_of_body(plan.drive, other), found.get(plan.home_chain(other))
@@ -258,7 +255,7 @@ def _train_start_motion(
 
 
 def _sprocket_as_home_shaft(plan: _MotionPlan, s: int, names: set[str], loaded: bool) -> SprocketShaft:
-    """Sprocket s as a shaft of its home chain."""
+    """Sprocket as a shaft of its home chain."""
     drive, sprocket = plan.drive, plan.drive.sprockets[s]
     bodies, chains = plan.bodies_and_chains_beyond(s)
     own = _motions_by_own_angle(plan, s, names)

@@ -1,4 +1,4 @@
-"""Coefficients of friction of joints, and of rollers on teeth and guide-bars."""
+"""Friction coefficients of joints, and of rollers on teeth and guides."""
 
 from __future__ import annotations
 
@@ -16,12 +16,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class FrictionCoefficients:
-    """Coefficients of friction of a contact: mu = dynamic + (static - dynamic) exp(-(v / stribeck_speed)^2).
-
-    Attributes:
-        dynamic, static: [-].
-        stribeck_speed: [m/s].
-    """
+    """Friction coefficients: mu = dynamic + (static - dynamic) exp(-(v / stribeck_speed)^2)."""
 
     dynamic: float
     static: float
@@ -29,17 +24,17 @@ class FrictionCoefficients:
 
     @property
     def has_friction(self) -> bool:
-        """Whether there is friction."""
+        """Whether the contact has friction."""
         return is_true_somewhere(self.larger_coefficient > 0.0)
 
     @property
     def larger_coefficient(self) -> float:
-        """The larger of the two coefficients [-]."""
+        """Larger of the static and dynamic coefficient [-]."""
         return maximum(self.dynamic, self.static)
 
 
 def friction_coefficients(law: ImpactLaw | Joint, most: float = math.inf) -> FrictionCoefficients:
-    """Coefficients of friction of a contact or of joints, at most `most`."""
+    """Friction coefficients of a contact or of joints, at most `most`."""
     dynamic = 0.0 if law.friction is None else law.friction
     static = dynamic if law.static_friction is None else law.static_friction
     speed = 1.0 if law.stribeck_speed is None else law.stribeck_speed
@@ -49,18 +44,18 @@ def friction_coefficients(law: ImpactLaw | Joint, most: float = math.inf) -> Fri
 
 
 def tooth_friction_coefficients(model: ChainModel) -> FrictionCoefficients:
-    """Coefficients of friction of rollers on teeth."""
+    """Friction coefficients of rollers on teeth."""
     return friction_coefficients(model.contact.sprocket)
 
 
 def guide_friction_coefficients(model: ChainModel, g: int) -> FrictionCoefficients:
-    """Coefficients of friction of rollers, or of the chain's plates, on guide-bar g."""
+    """Friction coefficients of rollers or plates on a guide."""
     law = model.guide_contact(g)
     return friction_coefficients(law, _rolling_coefficient(model) if law.rolling else math.inf)
 
 
 def _rolling_coefficient(model: ChainModel) -> float:
-    """Coefficient that a rolling roller transmits, mu_b r_b / R_r [-]; 0 where joints have no friction."""
+    """Coefficient that a rolling roller transmits, mu_b r_b / R_r [-]."""
     joint, pin_radius = getattr(model.chain, "joint", None), getattr(model.chain, "pin_radius", None)
     if joint is None or pin_radius is None:
         return 0.0

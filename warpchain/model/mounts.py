@@ -17,19 +17,19 @@ if TYPE_CHECKING:
 
 
 def unit_direction(direction: tuple[float, float]) -> NDArray[np.float64]:
-    """The unit vector along a direction (2,)."""
+    """Unit vector along a direction (2,)."""
     return array_of_columns(_unit_components(direction))
 
 
 def _unit_components(direction: tuple[float, float]) -> tuple[Any, Any]:
-    """The two components of the unit vector along a direction."""
+    """Components of the unit vector along a direction."""
     x, y = direction
     size = hypot(x, y)
     return x / size, y / size
 
 
 def initial_place(sprocket: Sprocket) -> tuple[Any, Any]:
-    """Coordinates of the center at t = 0 [m], numbers or arrays (V,) of a stack."""
+    """Coordinates of a sprocket's center at t = 0 [m], of a stack (V,)."""
     (x, y), mount = sprocket.center, sprocket.mount
     if not isinstance(mount, PrescribedMount) or mount.direction is None:
         return x, y
@@ -38,7 +38,7 @@ def initial_place(sprocket: Sprocket) -> tuple[Any, Any]:
 
 
 def initial_velocity(sprocket: Sprocket, pivot: PlaceTable | None) -> NDArray[np.float64]:
-    """Velocity of the center at t = 0 (2,) [m/s]; on an arm that of its pivot, which follows the table `pivot`."""
+    """Velocity of a sprocket's center at t = 0 (2,) [m/s]; on an arm by its pivot's table."""
     mount = sprocket.mount
     if isinstance(mount, ArmMount):
         return start_velocity(pivot)
@@ -52,12 +52,12 @@ def initial_velocity(sprocket: Sprocket, pivot: PlaceTable | None) -> NDArray[np
 
 
 def start_velocity(table: PlaceTable | None) -> NDArray[np.float64]:
-    """Velocity at t = 0 (2,) [m/s] of a place that follows a table; 0 without one."""
+    """Velocity of a table at t = 0 (2,) [m/s]; 0 without one."""
     return np.zeros(2) if table is None else np.array(table.start_velocity)
 
 
 def largest_displacement(sprocket: Sprocket) -> float:
-    """Distance from its stated center that a prescribed motion can take the sprocket [m]; 0 for other mounts."""
+    """Largest displacement of a sprocket with a prescribed mount [m]."""
     mount = sprocket.mount
     if not isinstance(mount, PrescribedMount):
         return 0.0
@@ -69,38 +69,38 @@ def largest_displacement(sprocket: Sprocket) -> float:
 
 
 def has_moving_center(sprocket: Sprocket) -> bool:
-    """Whether the center can move on a mount of its own."""
+    """Whether a sprocket's own mount lets its center move."""
     return not isinstance(sprocket.mount, FixedMount | ArmMount)
 
 
 def is_on_springs(sprocket: Sprocket) -> bool:
-    """Whether the mount is elastic or a slider, so that forces move the center."""
+    """Whether a sprocket's mount is elastic or a slider."""
     return isinstance(sprocket.mount, ElasticMount | SliderMount)
 
 
 def has_active_mount(sprocket: Sprocket) -> bool:
-    """Whether the center can move or a balance wheel turns with the sprocket."""
+    """Whether a sprocket's center can move or it has a balance wheel."""
     return has_moving_center(sprocket) or is_true_somewhere(wheel_mass(sprocket) > 0.0)
 
 
 def wheel_mass(sprocket: Sprocket) -> float:
-    """Mass of the balance wheel [kg], which is not part of the sprocket's."""
+    """Mass of a sprocket's balance wheel [kg]."""
     return sprocket.balance_wheel.mass if sprocket.balance_wheel is not None else 0.0
 
 
 def wheel_inertia(sprocket: Sprocket) -> float:
-    """Inertia of the balance wheel about the sprocket's center, m_b r_b^2 [kg m^2], not part of the sprocket's."""
+    """Inertia of the balance wheel about the sprocket's center, m_b r_b^2 [kg m^2]."""
     wheel = sprocket.balance_wheel
     return wheel_mass(sprocket) * power(wheel.radius, 2) if wheel is not None else 0.0
 
 
 def moving_mass(sprocket: Sprocket) -> float:
-    """Mass of sprocket and balance wheel [kg]; a sprocket's that is not given counts as 0."""
+    """Mass of sprocket and balance wheel [kg]."""
     return (0.0 if sprocket.mass is None else sprocket.mass) + wheel_mass(sprocket)
 
 
 def mount_spring(sprocket: Sprocket) -> tuple[float, float]:
-    """The stiffer axis' spring [N/m] and the heavier axis' damper [N s/m] of a mount; 0 where it has none."""
+    """Largest spring [N/m] and damper [N s/m] of a sprocket's mount."""
     mount = sprocket.mount
     if isinstance(mount, ElasticMount):
         return maximum(*mount.stiffness), maximum(*mount.damping)
@@ -108,7 +108,7 @@ def mount_spring(sprocket: Sprocket) -> tuple[float, float]:
 
 
 def mount_frequencies(sprocket: Sprocket) -> tuple[float, ...]:
-    """Natural frequencies of the mount alone, without the chain [Hz]: along x and y, or along the slider."""
+    """Natural frequencies of a sprocket's mount without the chain [Hz]."""
     mount = sprocket.mount
     stiffness: tuple[float, ...] = mount.stiffness if isinstance(mount, ElasticMount) else ()
     if isinstance(mount, SliderMount):
@@ -117,7 +117,7 @@ def mount_frequencies(sprocket: Sprocket) -> tuple[float, ...]:
 
 
 def wheel_force(sprocket: Sprocket, speed: float) -> float:
-    """Centrifugal force of the balance wheel at an angular speed, m_b r_b omega^2 [N]."""
+    """Centrifugal force of the balance wheel, m_b r_b omega^2 [N]."""
     return (
         wheel_mass(sprocket) * sprocket.balance_wheel.radius * speed**2 if sprocket.balance_wheel is not None else 0.0
     )

@@ -12,15 +12,15 @@ if TYPE_CHECKING:
     from warpchain.drive.tensioners import Oil, Relief, Tensioner, Valve
 
 EXPONENT = 1.4
-"""n of the air in the oil, compressed adiabatically."""
+"""Adiabatic exponent n of the oil's air [-]."""
 LAMINAR_DROP = 5.0e3
-"""Drop of pressure [Pa] below which the valve's flow is linear in it."""
+"""Pressure drop [Pa] below which a valve's flow is linear."""
 BOTTOM = 0.95
-"""Share of the chamber's volume, as drawn, that the plunger can take before it stands on the bottom."""
+"""Share of a chamber's volume that the plunger can take [-]."""
 
 
 def oil_stiffness(tensioner: Tensioner) -> float:
-    """E A^2 / V [N/m] of the closed chamber as drawn, with E at most E_0 (1 + a); 0 without oil."""
+    """Stiffness E A^2 / V of a closed oil chamber as drawn [N/m]; 0 without oil."""
     if not tensioner.hydraulic:
         return 0.0
     oil, chamber = tensioner.oil, tensioner.chamber
@@ -29,7 +29,7 @@ def oil_stiffness(tensioner: Tensioner) -> float:
 
 
 def valve_flow(tensioner: Tensioner, pressure: float) -> float:
-    """Flow through the check valve into a chamber of an absolute pressure [Pa], Q_cv [m^3/s]; see the kernels' law."""
+    """Flow through the check valve at an absolute chamber pressure [Pa], Q_cv [m^3/s]."""
     oil, valve = tensioner.oil, tensioner.valve
     assert oil is not None and valve is not None
     drop = oil.supply - pressure
@@ -38,7 +38,7 @@ def valve_flow(tensioner: Tensioner, pressure: float) -> float:
 
 
 def outlet_flows(tensioner: Tensioner, pressure: float) -> tuple[float, float]:
-    """Flows out through relief valve and vent of a chamber of an absolute pressure [Pa], each [m^3/s]."""
+    """Flows out of relief valve and vent at an absolute chamber pressure [Pa] [m^3/s]."""
     oil, relief, vent = tensioner.oil, tensioner.relief, tensioner.vent
     assert oil is not None
     drop = pressure - oil.ambient
@@ -51,7 +51,7 @@ def outlet_flows(tensioner: Tensioner, pressure: float) -> tuple[float, float]:
 
 
 def _lifted_area(valve: Valve | Relief, push: float) -> float:
-    """Area of the jet through a valve that a force pushes open [m^2]: of hole and gap in series."""
+    """Jet area of an oil valve that a force opens [m^2]: hole and gap in series."""
     if push <= 0.0:
         return 0.0
     lift = valve.lift if push >= valve.stiffness * valve.lift else push / valve.stiffness
@@ -60,15 +60,13 @@ def _lifted_area(valve: Valve | Relief, push: float) -> float:
 
 
 def _jet_flow(area: float, drop: float, oil: Oil) -> float:
-    """Flow of a jet of an area over a pressure drop [m^3/s]; 0 against it."""
+    """Flow of an oil jet over a pressure drop [m^3/s]; 0 against it."""
     limit = max(drop, LAMINAR_DROP)
     return area * math.sqrt(2.0 * limit / oil.density) * drop / limit if drop > 0.0 else 0.0
 
 
 def static_pressure(tensioner: Tensioner) -> Any:
-    """Absolute pressure [Pa] at rest, with as much coming in as going out; the ambient one where the check valve stays
-    closed, and in a chamber that is drained.
-    """
+    """Absolute oil pressure at rest [Pa]; ambient in a drained chamber, or with a closed check valve."""
     from warpchain.model.stacks import pick_variants, stack_arrays
 
     assert tensioner.oil is not None
@@ -84,7 +82,6 @@ def static_pressure(tensioner: Tensioner) -> Any:
 
 @lru_cache(maxsize=1024)
 def _single_static_pressure(tensioner: Tensioner) -> float:
-    """`static_pressure` of one tensioner."""
     oil = tensioner.oil
     assert oil is not None
     if tensioner.is_drained:
@@ -100,14 +97,14 @@ def _single_static_pressure(tensioner: Tensioner) -> float:
 
 
 def filled_tensioner(tensioner: Tensioner) -> Tensioner:
-    """The tensioner with its chamber full of oil."""
+    """A tensioner with its chamber full of oil."""
     if tensioner.chamber is None:
         return tensioner
     return tensioner.model_copy(update={"chamber": tensioner.chamber.model_copy(update={"drained": 0.0})})
 
 
 def filling_time(tensioner: Tensioner) -> float:
-    """Time [s] in which oil fills a drained chamber, with a tabulated supply at its largest pressure."""
+    """Time in which oil fills a drained chamber at the largest supply pressure [s]."""
     oil, chamber = tensioner.oil, tensioner.chamber
     assert oil is not None and chamber is not None
     most = oil.supply if oil.supply_table is None else max(oil.supply_table.values)
@@ -117,7 +114,7 @@ def filling_time(tensioner: Tensioner) -> float:
 
 
 def static_force(tensioner: Tensioner, x: float = 0.0) -> Any:
-    """Force [N] at rest at an extension [m]: (P - P_0) A + preload - k x, not below 0."""
+    """Force of a tensioner at rest [N], (P - P_0) A + preload - k x, at an extension [m]."""
     push = tensioner.spring_preload - tensioner.spring_stiffness * x
     if tensioner.hydraulic:
         assert tensioner.oil is not None
@@ -126,7 +123,7 @@ def static_force(tensioner: Tensioner, x: float = 0.0) -> Any:
 
 
 def bottom_place(tensioner: Tensioner) -> float:
-    """Extension [m] at which the plunger stands on the chamber's bottom; minus infinity without oil."""
+    """Extension at which the plunger stands on the bottom [m]; minus infinity without oil."""
     if not tensioner.hydraulic:
         return -math.inf
     assert tensioner.chamber is not None

@@ -8,14 +8,13 @@ from warpchain.drive.sprocket import Load, Prescribed, Sprocket
 
 
 class LedSprocket(Sprocket):
-    """The sprocket that leads a chain of which none is prescribed, as another chain turns its shaft.
+    """Sprocket that leads its chain, turned by another chain.
 
-    Before a run, and where runs are looked at, it counts as prescribed at the speed that the ratios give; in the run
-    its angle is free (`warpchain.model.trains.is_free_body`).
+    It counts as prescribed but in a run (`warpchain.model.trains.is_free_body`).
 
     Attributes:
-        driver: motion of the drive's driver, as it begins.
-        start_ratio: forward speed at the start over the driver's [-], by the radii at which rollers ride.
+        driver: motion of the drive's driver at the start.
+        start_ratio: forward speed at the start over the driver's [-].
     """
 
     driver: Prescribed
@@ -23,12 +22,12 @@ class LedSprocket(Sprocket):
 
 
 class SprocketShaft(Shaft):
-    """A sprocket of another chain, as a shaft of its home chain (`warpchain.model.chain_models`).
+    """Sprocket of another chain, as a shaft of its home chain.
 
     Attributes:
         shaft: that it turns with.
-        demand: its load and those that its chain turns, together.
-        driven_inertia: inertia that its chain turns, with that of the chain [kg m^2].
+        demand: its load with those that its chain turns.
+        driven_inertia: inertia of its chain and what that turns [kg m^2].
     """
 
     shaft: Name | None = None

@@ -9,41 +9,39 @@ from warpchain.drive.catalogue import CHAINS
 from warpchain.drive.stack_math import minimum, power
 
 HORSEPOWER, INCH, FOOT_A_MINUTE = 745.6998715822702, 0.0254, 0.00508
-"""[W], [m], [m/s]."""
+"""Horsepower [W], inch [m] and foot a minute [m/s]."""
 SERIES_A_STRENGTH = 12_500.0 * 4.4482216152605
-"""Least tensile strength of a strand of series A over the square of its pitch in inches [N]."""
+"""Least strength of a strand of series A over its squared pitch in inches [N]."""
 STRAND_FACTORS = {1: 1.0, 2: 1.7, 3: 2.5}
-"""Power of so many strands over that of one [-]."""
+"""Rated power by strands over that of one [-]."""
 SERVICE_FACTORS = {
     "smooth": {"motor": 1.0, "hydraulic": 1.0, "engine": 1.2},
     "moderate": {"motor": 1.3, "hydraulic": 1.2, "engine": 1.4},
     "heavy": {"motor": 1.5, "hydraulic": 1.4, "engine": 1.7},
 }
-"""What power is multiplied by for the load's shocks and for what drives: an electric motor or turbine, an engine with a
-hydraulic drive, an engine without (Tsubaki, as above, Table 4.2)."""
+"""Service factors of power by load and driver (Tsubaki, Table 4.2)."""
 RATED_HOURS = 15_000.0
-"""Life that the ratings are for, up to the elongation at which a chain is changed."""
+"""Rated life [h] up to the elongation limit."""
 LEFT_OUT = "acceleration, shocks beyond a service factor, vibration, guides and more than two sprockets"
-"""What ratings do not contain."""
+"""Effects that ratings leave out."""
 WEAR_COEFFICIENT = 2e-16
-"""k of pin and bush, oiled [m^2/N]: makes a chain at the rated power of ISO 10823 3 % longer in 15,000 hours."""
+"""Wear coefficient k of oiled pin and bush [m^2/N]: 3 % elongation in 15,000 hours at ISO 10823's power."""
 LUBRICATION = {"A": "by hand or drop by drop", "B": "oil bath or disc", "C": "stream of oil under pressure"}
-"""Classes of lubrication of ASME B29.1."""
+"""Lubrication classes of ASME B29.1."""
 _LUBRICATED_TO = """
 pitch  0.25  0.375   0.5  0.625  0.75     1  1.25   1.5  1.75     2  2.25   2.5     3
 A       500    370   300    250   220   170   150   130   115   100    95    85    75
 B      3500   2800  2300   2000  1800  1500  1300  1200  1100  1000   950   900   800
 """
-"""Highest speeds of the chain in ft/min at which A and B do, by the pitch in inches (Machinery's Handbook)."""
+"""Highest chain speeds [ft/min] of lubrication A and B by pitch [in] (Machinery's Handbook)."""
 
 
 class SizeRating(NamedTuple):
-    """Coefficients of a size.
+    """Power rating coefficients of a chain size.
 
     Attributes:
-        plates: K_s of (a), strands and strength included.
-        rollers: K_r of (b), strands included.
-        standard: whose rating it is.
+        plates: K_s of (a).
+        rollers: K_r of (b).
     """
 
     plates: float
@@ -52,7 +50,7 @@ class SizeRating(NamedTuple):
 
 
 def size_rating(size: str | None) -> SizeRating | None:
-    """Coefficients of a size of the catalogue; None of one that no standard rates, and for no size."""
+    """Rating coefficients of a chain size; None without a rating."""
     name = "" if size is None else size.partition("-")[0]
     if name not in CHAINS or size is None:
         return None
@@ -71,29 +69,28 @@ def size_rating(size: str | None) -> SizeRating | None:
 
 
 class RatedPower(NamedTuple):
-    """Power [W] that plates, and rollers and bushings, are rated for; numbers, or arrays over variants."""
+    """Rated power of plates, and of rollers and bushings [W]."""
 
     plates: Any
     rollers: Any
 
     @property
     def least(self) -> Any:
-        """The smaller of both [W]."""
+        """Smaller of the rated powers [W]."""
         return minimum(self.plates, self.rollers)
 
     @property
     def limited_by(self) -> str:
-        """Part that the smaller is of, in words."""
+        """Name of the part with the smaller rated power."""
         return "link plates" if self.plates <= self.rollers else "rollers and bushings"
 
 
 def rated_power(size: str, teeth: int, speed: Any) -> RatedPower:
-    """The power that a size is rated for, (a) and (b).
+    """Rated power of a chain size, (a) and (b).
 
     Args:
-        size: of the catalogue, one that has a rating.
         teeth: of the smaller sprocket.
-        speed: of that sprocket [rad/s], above 0; a number, or one a variant.
+        speed: of that sprocket, above 0 [rad/s].
     """
     rating, pitch, rpm = size_rating(size), CHAINS[size].pitch / INCH, speed * (30.0 / math.pi)
     assert rating is not None
@@ -103,11 +100,7 @@ def rated_power(size: str, teeth: int, speed: Any) -> RatedPower:
 
 
 def lubrication_limits(pitch: float) -> tuple[float, float]:
-    """Speeds of the chain up to which lubrication A, and B, does [m/s]; by the logarithms between the table's pitches.
-
-    Args:
-        pitch: [m].
-    """
+    """Highest chain speeds of lubrication A and B [m/s] at a pitch [m]."""
     import numpy as np
 
     rows = [[math.log(float(cell)) for cell in line.split()[1:]] for line in _LUBRICATED_TO.split("\n")[1:-1]]
@@ -116,11 +109,11 @@ def lubrication_limits(pitch: float) -> tuple[float, float]:
 
 
 def lubrication_class(pitch: float, speed: float) -> str:
-    """Class of lubrication, of `LUBRICATION`, that a chain of this pitch [m] needs at this speed [m/s]."""
+    """Lubrication class for a chain's pitch [m] and speed [m/s]."""
     slow, fast = lubrication_limits(pitch)
     return "A" if speed <= slow else "B" if speed <= fast else "C"
 
 
 def elongation_limit(teeth: int) -> float:
-    """Elongation at which a chain is changed [-]: 3 %, and 200 % over the largest sprocket's teeth above 67 of them."""
+    """Elongation limit of a chain [-]: 3 %, and 200 % over teeth above 67."""
     return 0.03 if teeth <= 67 else 2.0 / teeth

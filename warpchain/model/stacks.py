@@ -1,12 +1,8 @@
 """Stacks: drives alike as one drive whose numbers are arrays over its variants.
 
-Drives are alike where they have the same parts, names and whole numbers, the same values given, and zeros at the same
-places. A stack of them is a drive like any other but that numbers in which they differ are arrays (V,); what all share
-is a plain number. What functions of `warpchain.drive.stack_math` calculate from a drive then holds for all variants at
-once, a drive alone being a stack of one.
-
-Guides that are no straight bars on the ground are the same in all drives of a stack, and so are the numbers of their
-faces and the pivots of arms. As many links are worn in all; which ones and by how much differs.
+Drives are alike with the same parts, names, whole numbers, given values and zeros. Numbers that differ become arrays
+(V,), with which functions of `warpchain.drive.stack_math` calculate. Faces of guides that are no straight bars on the
+ground, and arms' pivots, must be the same.
 """
 
 from __future__ import annotations
@@ -32,7 +28,7 @@ from warpchain.model.chain_model import ChainModel
 
 StackedValue = TypeVar("StackedValue")
 Of = TypeVar("Of", bound=Drive | ChainModel)
-"""What is stacked: drives, or models of chains."""
+"""Drives or chain models."""
 
 _WHOLE_TABLES = (*TABLES, LiftTable)
 _PLAIN_TYPES = frozenset((float, int, str, bool, type(None)))
@@ -42,25 +38,25 @@ _FACE_NUMBERS |= {(kind, name) for kind in (Chain, NamedChain) for name in ("pit
 """The numbers that guides' faces depend on, by class and key."""
 
 _LIFT_NUMBERS = {(LiftProfile, "rise"), (LiftProfile, "dwell"), (LiftProfile, "fall"), (Valves, "phases")}
-"""The numbers that tables of lifts, and the places of cams, depend on, by class and key."""
+"""Numbers of valve lifts that must be the same in a stack."""
 
 _FREE_PARTS = {WornLink}
-"""Parts of numbers that may be 0 in some variants of a stack only, as no calculation branches on them."""
+"""Parts whose numbers may be 0 in some variants of a stack."""
 
 _UNSTACKED_SETTINGS = {"seating", "perturbation", "temperature", "expansion", "places"}
-"""What may differ within a stack: settings whose effect is in other numbers already, and places in whole drives."""
+"""Settings that may differ in a stack, as other numbers contain their effect."""
 
 LARGEST_STACK = 4096
-"""Most variants of a stack, so that what is worked on stays in the processor's caches."""
+"""Most variants of a stack."""
 
 
 @dataclass(frozen=True)
 class Stack(Generic[Of]):
-    """Drives, or models of chains, that are alike, as one.
+    """Drives, or chain models, that are alike, as one.
 
     Attributes:
-        members: (V,) their numbers among all, ascending.
-        one: all of them as one; of a single one, that itself.
+        members: (V,) numbers of the variants, ascending.
+        one: the drive of the stack.
     """
 
     members: NDArray[np.int64]
@@ -68,7 +64,7 @@ class Stack(Generic[Of]):
 
 
 def stacks_of_drives(drives: Sequence[Of], largest: int = LARGEST_STACK) -> list[Stack[Of]]:
-    """Drives, or models of chains, sorted into stacks of at most `largest`, in the order of their first members."""
+    """Stacks of at most `largest` of drives or chain models, by first members."""
     bent = np.array(_bent_drives(drives), dtype=bool)
     counts = np.array([len(getattr(drive, "chains", ())) for drive in drives])
     ways = ((faces, count) for faces in (False, True) for count in np.unique(counts))
@@ -79,14 +75,14 @@ def stacks_of_drives(drives: Sequence[Of], largest: int = LARGEST_STACK) -> list
 
 
 def split_stack(stack: Stack[Of], largest: int = LARGEST_STACK) -> Iterator[Stack[Of]]:
-    """Yields a stack as stacks of at most `largest` variants, one after the other."""
+    """Parts of a stack of at most `largest` variants."""
     count = len(stack.members)
     for part in (slice(begin, begin + largest) for begin in range(0, count, largest)):
         yield stack if count <= largest else Stack(stack.members[part], pick_variants(stack.one, part))
 
 
 def stack_of_chosen(stack: Stack[Of], chosen: NDArray[np.bool_]) -> Stack[Of]:
-    """The chosen variants of a stack as a stack, numbered among those chosen (V,) of all drives."""
+    """Stack of the chosen variants (V,), renumbered."""
     places = np.flatnonzero(chosen[stack.members])
     numbers = np.cumsum(chosen) - 1
     whole = len(places) == len(stack.members)
@@ -95,7 +91,7 @@ def stack_of_chosen(stack: Stack[Of], chosen: NDArray[np.bool_]) -> Stack[Of]:
 
 
 def _stacks_by_kind(drives: Sequence[Of], members: NDArray[np.int64], faces: bool) -> Iterator[Stack[Of]]:
-    """Yields stacks of some drives, one for each kind; first tried as one kind."""
+    """Stacks of some drives, one of each kind."""
     columns = _ColumnStacker(faces)
     drive = columns.stack_column([drives[v] for v in members.tolist()])
     if not columns.kinds and has_arrays(drive.run.phase) and _has_phased_tables(drive):
@@ -111,14 +107,14 @@ def _stacks_by_kind(drives: Sequence[Of], members: NDArray[np.int64], faces: boo
 
 
 def _has_phased_tables(drive: Drive | ChainModel) -> bool:
-    """Whether a drive has tables that its phase moves on."""
+    """Whether a drive has tables that its phase moves."""
     kinds = ("prescribed", "load", "motor")
     motions = (getattr(part, kind, None) for part in (*drive.sprockets, *drive.shafts) for kind in kinds)
     return any(motion is not None and motion.table is not None for motion in motions)
 
 
 def _bent_drives(drives: Sequence[Drive | ChainModel]) -> list[bool]:
-    """Whether each drive has guides that are no straight bars on the ground, arms, or tensioners."""
+    """Whether each drive has arms, tensioners or bent guides."""
     fields = [drive.__dict__ for drive in drives]
     faces = {id(guide): guide for of in fields for guide in of["guides"]}
     bars = {key for key, guide in faces.items() if guide.straight and guide.arm is None}
@@ -130,13 +126,13 @@ def _bent_drives(drives: Sequence[Drive | ChainModel]) -> list[bool]:
 
 
 class _ColumnStacker:
-    """Stacks parts or values, column by column.
+    """Stacks parts or values of drives, column by column.
 
     Args:
-        faces: whether the numbers of guides' faces must be the same within a kind.
+        faces: whether guides' faces must be the same.
 
     Attributes:
-        kinds: columns of values that differ among kinds; empty where all were of one.
+        kinds: columns that differ; empty for drives that are alike.
     """
 
     def __init__(self, faces: bool) -> None:
@@ -144,7 +140,7 @@ class _ColumnStacker:
         self.kinds: list[Sequence[Hashable]] = []
 
     def stack_column(self, values: Sequence[Any]) -> Any:
-        """The values as one, numbers as arrays; of several kinds, anything."""
+        """Values of several drives as one, numbers as arrays."""
         first = values[0]
         if isinstance(first, Part | ChainModel | tuple):
             if first is values[-1] and len(set(map(id, values))) == 1:
@@ -171,7 +167,7 @@ class _ColumnStacker:
         return _changed_copy(first, changed)
 
     def _stack_fields(self, first: Part | ChainModel, fields: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
-        """The stacked fields of parts that differ from the first part's."""
+        """Stacked fields of parts where they differ from the first's."""
         exact, columns, kind = self.exact, {}, type(first)
         names = [name for name in fields[0] if name not in _UNSTACKED_SETTINGS]
         rows = map(itemgetter(*names), fields)  # all at once, which takes half the time of name by name
@@ -182,7 +178,7 @@ class _ColumnStacker:
         return {name: value for name, value in columns.items() if value is not first.__dict__[name]}
 
     def _stack_numbers(self, values: Sequence[float]) -> float | NDArray[np.float64]:
-        """Numbers as one, or as an array (V,) where they differ."""
+        """Equal numbers as one, others as an array (V,)."""
         column = np.array(values)
         bits = column.view(np.int64)
         if (bits == bits[0]).all():
@@ -193,12 +189,11 @@ class _ColumnStacker:
         return column
 
     def _note_difference(self, kinds: Sequence[Hashable]) -> None:
-        """Notes a column of values that differ among kinds."""
         self.kinds.append(kinds)
 
 
 def _stack_free_parts(values: Sequence[tuple[Part, ...]]) -> tuple[Part, ...]:
-    """As many free parts of each variant as those of a stack: all their numbers are arrays, or none."""
+    """Free parts of a stack, with all numbers arrays or none."""
     first, fields = values[0], [part.__dict__ for parts in values for part in parts]
     tables = {}
     for name in fields[0]:
@@ -212,7 +207,7 @@ def _stack_free_parts(values: Sequence[tuple[Part, ...]]) -> tuple[Part, ...]:
 
 
 def _kind_key(value: Any) -> Hashable:
-    """A hashable key of a value that is no plain number, the same for values of one kind."""
+    """Hashable key of a value's kind."""
     if isinstance(value, _WHOLE_TABLES):
         return id(value)  # long ones are slow to compare
     if isinstance(value, Ratios):
@@ -223,16 +218,16 @@ def _kind_key(value: Any) -> Hashable:
 
 
 def stack_of_values(values: Sequence[StackedValue]) -> StackedValue:
-    """Drives or parts that are alike as one, numbers that differ as arrays (V,)."""
+    """Drives or parts that are alike as one, differing numbers as arrays (V,)."""
     found: StackedValue = _ColumnStacker(faces=False).stack_column(values)
     return found
 
 
 def pick_variants(value: StackedValue, places: Any) -> StackedValue:
-    """Some variants of a stack, or of a part of one, as a stack; a single one is a drive of plain numbers.
+    """Some variants of a stack, or of a part of one; a single one has plain numbers.
 
     Args:
-        places: an index of arrays (V,).
+        places: index of arrays (V,).
     """
     if isinstance(value, np.ndarray):
         found = value[places]
@@ -250,7 +245,7 @@ def pick_variants(value: StackedValue, places: Any) -> StackedValue:
 
 
 def _changed_copy(value: Any, changed: Mapping[str, Any]) -> Any:
-    """A part or model with some of its values changed; the same object where none is."""
+    """A part or model with changed values; the same object without any."""
     if not changed:
         return value
     return replace(value, **changed) if isinstance(value, ChainModel) else value.model_copy(update=changed)
@@ -276,12 +271,11 @@ def variants_of_either(chosen: NDArray[np.bool_], one: Any, other: Any) -> Any:
 
 
 def _tuple_if_changed(old: tuple[Any, ...], new: tuple[Any, ...]) -> tuple[Any, ...]:
-    """The new tuple, or the old one where all its elements are the same."""
     return old if all(a is b for a, b in zip(old, new, strict=True)) else new
 
 
 def variant_count(drive: Drive | ChainModel) -> int:
-    """Number of variants of a stack; 1 where they do not differ."""
+    """Number of variants of a stack; 1 without arrays."""
     todo: list[Iterable[Any]] = [drive.__dict__.values()]
     while todo:
         for value in todo.pop():
@@ -295,7 +289,7 @@ def variant_count(drive: Drive | ChainModel) -> int:
 
 
 def stack_arrays(value: Any) -> Iterator[NDArray[np.float64]]:
-    """Yields all arrays of a stack, or of parts of one."""
+    """All arrays of a stack or of its parts."""
     if isinstance(value, np.ndarray):
         yield value
     elif isinstance(value, tuple):
@@ -306,11 +300,10 @@ def stack_arrays(value: Any) -> Iterator[NDArray[np.float64]]:
 
 
 def first_refused_variant(stack: Stack[Of], attempt: Callable[[Of], object]) -> tuple[int, DriveError]:
-    """The first variant of a stack that is refused, and its error, found by halving.
+    """First refused variant of a stack, and its error, by halving.
 
     Args:
-        stack: of which some are refused.
-        attempt: raises a DriveError for a stack of which any is refused.
+        attempt: raises a DriveError where any variant is refused.
     """
     begin, end = 0, len(stack.members)
 
@@ -330,11 +323,11 @@ def first_refused_variant(stack: Stack[Of], attempt: Callable[[Of], object]) -> 
 
 
 def first_refusal(refused: Sequence[tuple[int, DriveError]], numbers: NDArray[np.int64] | None = None) -> DriveError:
-    """The error to raise of refused variants: that of the first, which it names.
+    """Error of the first refused variant, which it names.
 
     Args:
         refused: variants and errors.
-        numbers: what all variants are called; None counts them from 0.
+        numbers: names of all variants; None counts from 0.
     """
     v, error = min(refused, key=lambda pair: pair[0])
     return DriveError(f"variant {v if numbers is None else int(numbers[v])}: {error}")

@@ -1,4 +1,4 @@
-"""Angles, motions, loads and motors of drives whose start `run.phase` turns on by some teeth."""
+"""Angles, motions, loads and motors of a drive that `run.phase` turns on at the start."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ TurningMotion = TypeVar("TurningMotion", Prescribed, Load, Motor)
 
 
 def start_phase_angle(model: Any, name: str) -> Any:
-    """Forward angle [rad] by which a named sprocket or shaft has turned on where `run.phase` begins the drive."""
+    """Forward start angle of a named sprocket or shaft by `run.phase` [rad]."""
     phase = model.run.phase
     if phase is None or not is_true_somewhere(phase):
         return 0.0
@@ -27,10 +27,9 @@ def start_phase_angle(model: Any, name: str) -> Any:
 
 
 def motion_from_start_phase(model: Any, turned: Sprocket | Shaft, motion: TurningMotion) -> TurningMotion:
-    """A motion, load or motor of a sprocket or shaft as it goes on from where `run.phase` begins the drive.
+    """Motion, load or motor of a sprocket or shaft from its start by `run.phase`.
 
-    Every shaft of z teeth has turned on by phase 2 pi / z: the phases of harmonics of its order h grow by h times that,
-    and tables over its angle move back by it.
+    Harmonics of order h gain the phase h 2 pi phase / z, and tables over angle move back.
     """
     phase = model.run.phase
     if phase is None or not is_true_somewhere(phase):

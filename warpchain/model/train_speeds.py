@@ -13,19 +13,19 @@ from warpchain.model.trains import body_speed_ratio, free_body_loads, inertia_of
 BALANCE_HALVINGS = 60
 """Halvings of the interval in which moments balance."""
 RUN_UP_ROUNDS = 6
-"""Rounds in which the steps become finer where the run ends long before a balance."""
+"""Refinements of steps for a run that ends before balance."""
 SPEED_STEPS = 256
-"""Equal steps between two speeds at which moments are looked at."""
+"""Steps between two speeds at which moments are compared."""
 
 
 @dataclass(frozen=True)
 class LumpedDrive:
-    """All that turns with the driver as one body; its numbers may be those (V,) of a stack's variants.
+    """A drive lumped into its driving sprocket, of a stack (V,).
 
     Attributes:
-        start: speed of the driving sprocket at the start [rad/s].
-        inertia: as the driving sprocket sees it, with that of the chain [kg m^2].
-        motors, loads: with the speed of what they act on over that of the driving sprocket.
+        start: start speed [rad/s].
+        inertia: with the chain's [kg m^2].
+        motors, loads: with their speed ratios.
     """
 
     start: Any
@@ -34,26 +34,23 @@ class LumpedDrive:
     loads: list[tuple[float, Any]]
 
     def net_moment(self, speed: Any) -> Any:
-        """Moment of motors less that of loads at a speed of the driving sprocket, as this sees it [N m].
-
-        Motors over time or angle have their mean.
-        """
+        """Moment of motors, in the mean, less that of loads at a speed [N m]."""
         return sum(r * motor.at(r * speed) for r, motor in self.motors) - self._load_moment(speed)
 
     def net_moment_bounds(self, speed: Any) -> tuple[Any, Any]:
-        """The least and the largest net moment at a speed, of motors over time or angle [N m]."""
+        """Least and largest net moment at a speed [N m]."""
         bounds = [[r * of for of in motor.bounds(r * speed)] for r, motor in self.motors]
         asked = self._load_moment(speed)
         return sum(low for low, _ in bounds) - asked, sum(high for _, high in bounds) - asked
 
     def _load_moment(self, speed: Any) -> Any:
-        """Moment of the loads at a speed of the driving sprocket, as this sees it [N m]."""
+        """Moment of the loads at a speed [N m]."""
         # 0 of as many as there are speeds, where nothing loads
         return 0.0 * speed + sum(r * load.steady_moment(r * speed) for r, load in self.loads)
 
 
 def lumped_drive(model: Any) -> LumpedDrive:
-    """All that turns with the driver as one body, of a chain none of whose sprockets is prescribed."""
+    """Lumped drive of a chain without prescribed sprockets."""
     driver = driving_sprocket(model)
     bodies = [b for b in range(len(model.sprockets) + len(model.shafts)) if nearest_sprocket(model, b) is not None]
     beside = {o: body_speed_ratio(model, o, driver) for o in bodies}
@@ -69,10 +66,7 @@ def lumped_drive(model: Any) -> LumpedDrive:
 
 
 def _driver_start_speed(model: Any, driver: int) -> Any:
-    """Speed of the driving sprocket at the start [rad/s].
-
-    It is its train's own, else that of the chain, else that of what couplings tie to it.
-    """
+    """Start speed of the driving sprocket [rad/s], by its train, else chain, else couplings."""
     models = driving_body(model)
     around = [models, *train_of_body(model, models).bodies, *train_of_body(model, driver).bodies]
     around += [b for s in range(len(model.sprockets)) for b in train_of_body(model, s).bodies]
@@ -85,10 +79,9 @@ def _driver_start_speed(model: Any, driver: int) -> Any:
 
 
 def driver_top_speed(model: Any) -> Any:
-    """Top forward speed of the driving sprocket [rad/s], of a stack's variants (V,).
+    """Top forward speed of the driving sprocket [rad/s], of a stack (V,).
 
-    With a motor where its moment and the loads first balance, but no more than it comes to within the run; with neither
-    motor nor motion the speed at the start.
+    With a motor where moments first balance within the run; without motion the start speed.
     """
     b = driving_body(model)
     part = part_of_body(model, b)
@@ -114,7 +107,7 @@ def driver_top_speed(model: Any) -> Any:
 
 
 def _balanced_speed(one: LumpedDrive, low: Any, high: Any) -> Any:
-    """Speed between two at which moments balance [rad/s]; the higher one where they do not."""
+    """Speed between two at which moments balance [rad/s], else the higher."""
     for _ in range(BALANCE_HALVINGS):
         middle = 0.5 * (low + high)
         above = one.net_moment(middle) > 0.0
@@ -123,7 +116,7 @@ def _balanced_speed(one: LumpedDrive, low: Any, high: Any) -> Any:
 
 
 def _speed_within_time(one: LumpedDrive, low: Any, high: Any, duration: Any) -> Any:
-    """Speed reached from one toward another within a time, motors' ramps counted at half [rad/s]."""
+    """Speed reached within a time, motors' ramps at half [rad/s]."""
     import numpy as np
 
     given = maximum(0.0, duration - 0.5 * minimum(*(motor.ramp_time for _, motor in one.motors)))
@@ -142,14 +135,14 @@ def _speed_within_time(one: LumpedDrive, low: Any, high: Any, duration: Any) -> 
 
 
 def _rows_of_columns(rows: Any, at: Any) -> Any:
-    """The number of each column (N,) or (N, V) in a row of its own."""
+    """A number in each column's row (N,) or (N, V)."""
     import numpy as np
 
     return rows[at] if rows.ndim == 1 else rows[at, np.arange(rows.shape[1])]
 
 
 def speed_steps(low: Any, high: Any) -> Any:
-    """Speeds from one to another in equal steps, both ends included, (SPEED_STEPS + 1,) or (SPEED_STEPS + 1, V)."""
+    """Speeds in equal steps (SPEED_STEPS + 1,) or (SPEED_STEPS + 1, V)."""
     import numpy as np
 
     return np.linspace(low, high, SPEED_STEPS + 1)

@@ -1,7 +1,7 @@
 """Trains: sprockets and shafts that shafts, gears and couplings tie, and their speed ratios.
 
-Sprockets and shafts are counted as bodies: the S sprockets, then the H shafts. Those that teeth or a shaft tie are a
-train: one coordinate, of which body b has rho_b times the speed and sees the inertia sum rho^2 J / rho_b^2.
+Bodies are numbered sprockets, then shafts. A train is one coordinate; its body b has rho_b times the speed and the
+inertia sum rho^2 J / rho_b^2.
 """
 
 from __future__ import annotations
@@ -29,14 +29,14 @@ GEAR_PRESSURE_ANGLE = 20.0
 
 
 class Train(NamedTuple):
-    """The bodies that turn as one train, and their speeds over that of one of them."""
+    """Bodies of a train, and their speeds over one's."""
 
     bodies: tuple[int, ...]
     ratios: tuple[float, ...]
 
 
 def train_of_body(drive: Any, b: int) -> Train:
-    """The train of body b, itself with ratio 1."""
+    """Train of a body, itself with ratio 1."""
     if not has_trains(drive):
         return Train((b,), (1.0,))
     tied = rigid_ratios(drive)
@@ -45,26 +45,26 @@ def train_of_body(drive: Any, b: int) -> Train:
 
 
 def inertia_of_body(drive: Any, b: int) -> Any:
-    """Inertia of body b alone, balance wheel included [kg m^2]; 0 where it is not given."""
+    """Inertia of a body alone with balance wheel [kg m^2]."""
     part = part_of_body(drive, b)
     inertia = 0.0 if part.inertia is None else part.inertia
     return inertia + wheel_inertia(part) if b < len(drive.sprockets) else inertia
 
 
 def inertia_behind_body(drive: Any, b: int) -> Any:
-    """Inertia of body b [kg m^2], with that of the chains that it turns as another chain's sprocket."""
+    """Inertia of a body with the chains that it turns [kg m^2]."""
     return inertia_of_body(drive, b) + getattr(part_of_body(drive, b), "driven_inertia", 0.0)
 
 
 def train_inertia(drive: Any, b: int) -> Any:
-    """Inertia of the whole train of body b as that sees it [kg m^2]: sum rho^2 J / rho_b^2."""
+    """Inertia of a body's whole train at the body [kg m^2]."""
     train = train_of_body(drive, b)
     parts = [r * r * inertia_of_body(drive, other) for other, r in zip(*train, strict=True)]
     return sum(parts[1:], parts[0])
 
 
 def prescribed_leader(drive: Any, b: int) -> tuple[int, float] | None:
-    """The body of b's train whose motion is prescribed, and the speed of b over that body's; None where b is free."""
+    """Prescribed body of a body's train, and the ratio to it; None if free."""
     for other, ratio in zip(*train_of_body(drive, b), strict=True):
         part = part_of_body(drive, other)
         if part.prescribed is not None and not isinstance(part, LedSprocket):
@@ -73,12 +73,12 @@ def prescribed_leader(drive: Any, b: int) -> tuple[int, float] | None:
 
 
 def is_free_body(drive: Any, s: int) -> bool:
-    """Whether nothing prescribes the angle of body s."""
+    """Whether nothing prescribes a body's angle."""
     return prescribed_leader(drive, s) is None
 
 
 def turns_per_roller(drive: Any) -> list[float]:
-    """Revolutions of each body, counter-clockwise, while a roller passes; its ratio where no chain turns it."""
+    """Counter-clockwise revolutions of each body a roller; its ratio without a chain."""
     found, _ = ratios_with_chains(drive)
     chain = found.ratio[-1]
     of_chain = found.root[-1]
@@ -86,14 +86,14 @@ def turns_per_roller(drive: Any) -> list[float]:
 
 
 def body_turning_sign(drive: Any, b: int) -> int:
-    """+1 where forward rotation of body b is counter-clockwise, else -1."""
+    """+1 where a body's forward rotation is counter-clockwise, else -1."""
     if b < len(drive.sprockets):
         return drive.sprockets[b].sign
     return 1 if turns_per_roller(drive)[b] > 0.0 else -1
 
 
 def body_speed_ratio(drive: Any, b: int, other: int) -> float:
-    """Forward speed of body b over that of another, as the chain, shafts, gears and couplings tie them."""
+    """Forward speed of a body over another's, by chain and ties."""
     count = len(drive.sprockets)
     if b < count and other < count:
         return drive.sprockets[other].teeth / drive.sprockets[b].teeth
@@ -102,7 +102,7 @@ def body_speed_ratio(drive: Any, b: int, other: int) -> float:
 
 
 def bodies_beyond_gear(drive: Any, g: int) -> list[int]:
-    """Bodies on the second shaft's side that only gear pair g ties to its first; none where gears go round."""
+    """Bodies that only a gear pair ties to its first shaft; none in loops."""
     edges, mine, tied = [], None, TiedRatios(len(body_names(drive)))
     for tie in body_ties(drive):
         if tie.kind != "couplings" and tied.root[tie.a] != tied.root[tie.b]:
@@ -121,32 +121,32 @@ def bodies_beyond_gear(drive: Any, g: int) -> list[int]:
 
 
 def free_body_loads(drive: Any) -> Iterator[tuple[int, Load]]:
-    """Yields the loads of bodies that nothing prescribes, with the body's number."""
+    """Numbers and loads of bodies that nothing prescribes."""
     for b, part in enumerate((*drive.sprockets, *drive.shafts)):
         if part.load is not None and is_free_body(drive, b):
             yield b, part.load
 
 
 def is_held_body(drive: Any, b: int) -> bool:
-    """Whether body b is held where moments are in balance: prescribed, or in the train of what drives all others."""
+    """Whether a body is prescribed, or in the driving train."""
     driving = driving_body(drive)
     held = drive.driver if nearest_sprocket(drive, driving) is None else driving
     return not is_free_body(drive, b) or held in train_of_body(drive, b).bodies
 
 
 def coupled_bodies(drive: Any, coupling: Any) -> tuple[int, int]:
-    """The two bodies of a coupling; the ground is -1."""
+    """Two bodies of a coupling; the ground is -1."""
     names = body_names(drive)
     return -1 if coupling.is_grounded else names.index(coupling.between[0]), names.index(coupling.between[1])
 
 
 def coupling_rest_angle(drive: Any, c: int, ratio: Any, laid: Any) -> tuple[int, int, Any]:
-    """The two bodies of coupling c, and the first's angle less `ratio` times the second's where it is relaxed [rad].
+    """Bodies of a coupling, and its relaxed angle, the first's less `ratio` times the second's [rad].
 
     The ground is body -1, at angle 0.
 
     Args:
-        laid: (..., S) angles of the sprockets as the chain has been laid around them [rad].
+        laid: (..., S) angles of the sprockets under the chain as laid [rad].
     """
     first, second = coupled_bodies(drive, drive.couplings[c])
     rest = 0.0

@@ -1,4 +1,4 @@
-"""The example drives that come with the package, by name."""
+"""Example drives that come with the package, by name."""
 
 from __future__ import annotations
 
@@ -11,15 +11,14 @@ FOLDER = Path(__file__).parent
 
 
 def example_names() -> tuple[str, ...]:
-    """Names of the example drives, sorted."""
     return tuple(sorted(path.stem for path in FOLDER.glob("*.toml")))
 
 
 def drive_path(word: str) -> Path:
-    """The file that `word` means: a path, or else the name of an example drive.
+    """Path of a drive file, given so or by an example's name.
 
     Raises:
-        DriveError: neither; the message names the nearest example.
+        DriveError: neither; names the nearest example.
     """
     path = Path(word)
     if path.exists() or path.suffix == ".toml":
@@ -32,5 +31,5 @@ def drive_path(word: str) -> Path:
 
 
 def is_example(path: Path) -> bool:
-    """True for a file among the example drives that come with the package."""
+    """Whether a file is an example drive of the package."""
     return path.parent.resolve() == FOLDER.resolve()
