@@ -159,7 +159,7 @@ def part_of_body(drive: Any, b: int) -> Any:
 
 
 def driving_body(drive: Any) -> int:
-    """Number of the driving body: the first prescribed, else with a motor, else started, those tied to a chain first."""
+    """Number of the driving body: the first prescribed, else with a motor, else started, of a chain's first."""
     parts: Sequence[Any] = (*drive.sprockets, *drive.shafts)
     keys = ("prescribed", "motor", "initial_speed", "load")
     driving = [b for key in keys for b, part in enumerate(parts) if getattr(part, key, None) is not None]
