@@ -298,7 +298,7 @@ class ArmBalance:
         return self.plan.path(found)
 
     def _balance(self, angles: Sequence[Any], a: int, beyond: Any) -> Any:
-        """Angle of arm a [rad] that meets the balance (a), the other arms held."""
+        """Angle of arm a [rad] at the balance (a), for fixed angles of the other arms."""
         model = self.plan.model
 
         def moment(angle: Any) -> Any:

@@ -1,4 +1,4 @@
-"""Values of `check` on touched guides, arms and tensioners."""
+"""Values of `check` on guides under the chain, arms and tensioners."""
 
 from __future__ import annotations
 

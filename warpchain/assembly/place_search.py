@@ -79,7 +79,7 @@ Steps = Generator[_PlaceQuestion, ReachedState, Any]
 
 
 class PlaceSearch:
-    """Search for the nearest place of a sprocket along a line that meets a goal.
+    """Search for the nearest place of a sprocket along a line that satisfies a goal.
 
     Args:
         model: its chain need not fit as it stands.
@@ -107,7 +107,7 @@ class PlaceSearch:
         return self.origin[0] + place * self.line[0], self.origin[1] + place * self.line[1]
 
     def steps(self) -> Steps:
-        """Search steps: a generator that asks for states and returns the nearest place that meets the goal, or None."""
+        """Steps of the search: yields places to evaluate, returns the nearest that satisfies the goal, or None."""
         ends = dict.fromkeys((-1.0, 1.0), (0.0, (yield from self._nominal_excess(0.0))))
         for chain in range(math.ceil(self.reach / self.step)):
             found = []
