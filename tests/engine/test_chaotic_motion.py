@@ -103,16 +103,21 @@ def test_errors_of_short_windows_are_unknown(turns, known):
 def test_batches_add_up(start, monkeypatch):
     """Whatever step the window begins at, batches stand for all of it: their mean is the window's."""
     found = []
+
+    def note_batches(means, weights):
+        """Numbers from `found` in place of standard errors."""
+        found.extend(zip(means, np.broadcast_to(weights, means.shape), strict=True))
+        return np.arange(len(found) - len(means), len(found), dtype=float)
+
     monkeypatch.setattr("warpchain.results.metrics.LEAST_CHAIN_TURNS", 0.0)
-    monkeypatch.setattr(
-        metric_formulas,
-        "mean_standard_error",
-        lambda means, weights: found.append((means, weights)) or np.ones(len(means)),
-    )
+    monkeypatch.setattr(metric_formulas, "mean_standard_error", note_batches)
     metrics = row(two_sprockets(step=1e-5), duration=0.045, window=(start, 0.045))
     steps = round((0.045 - start) / 1e-5)
-    for (means, weights), name in zip(found, [name for name in metrics if name.endswith("_mean_se")], strict=True):
-        assert means.shape == (1, 80)
+    names = [name for name in metrics if name.endswith("_mean_se")]
+    assert sorted(metrics[name] for name in names) == list(range(len(found)))
+    for name in names:
+        means, weights = found[int(metrics[name])]
+        assert means.shape == (80,)
         mean = metrics[name.removesuffix("_se")]
         # the window's first and last step count half, which in a batch weighs those beside them the more
         assert np.average(means, weights=weights) == pytest.approx(mean, abs=1e-12 + np.ptp(means) / steps)
