@@ -2,9 +2,9 @@
 
     I theta'' = -k_t (theta - theta_0) - c_t theta' + m g x (r_c - p) + moments of the chain, tensioners and stops,
 
-theta = 0 as drawn, counter-clockwise positive. A coil spring of length l from an anchor f to a point of the arm, q and
-f from p, adds -(k (l - l_0) + c l') dl/dtheta, dl/dtheta = q x (q - f) / l. A stop is a torsion spring with a damper
-that only pushes back. Where the pivot is led with acceleration a, g - a replaces g.
+theta = 0 as drawn, counter-clockwise positive. A coil spring of length l from an anchor f to a point q adds -(k (l -
+l_0) + c l') dl/dtheta, dl/dtheta = q x (q - f) / l from p. A stop is a torsion spring with a damper that only pushes
+back. With a pivot's acceleration a, g - a replaces g.
 """
 
 from __future__ import annotations
@@ -73,17 +73,17 @@ class Arm(Part):
         name: unique among all parts.
         pivot: pivot, p [m].
         pivot_table: displacement of the pivot over time; None is a fixed pivot.
-        arm: arm that carries it at the pivot, and that spring, damper and stops act against; None is the ground.
+        arm: arm that carries it at the pivot, and that spring, damper and stops act against.
         mass: mass, m [kg].
         center: center of mass at angle 0, r_c [m].
         inertia: moment of inertia about the pivot, I [kg m^2].
         stiffness: stiffness of its torsion spring, k_t [N m/rad].
         free_angle: angle at which the torsion spring is relaxed, theta_0 [degrees].
         damping: damping of its bearing, c_t [N m s/rad].
-        spring: coil spring to the ground, or to the arm that carries it; its anchor moves along with a led pivot.
+        spring: coil spring to the ground, or to the arm that carries it.
         stops: lowest and highest angle [degrees]; None is none.
-        stop_stiffness: stiffness of the stops [N m/rad]; None follows from the chain's.
-        stop_damping: damping of the stops [N m s/rad]; None is half the critical one.
+        stop_stiffness: stiffness of the stops [N m/rad]; None is the chain's.
+        stop_damping: damping of the stops [N m s/rad]; None is half critical.
     """
 
     name: Name
@@ -142,12 +142,10 @@ class Arm(Part):
 
 
 def stop_stiffness(arm: Arm, lever: float, link_stiffness: float, roller_mass: float) -> float:
-    """Stiffness of an arm's stops [N m/rad]: its own, or that of one link at the lever.
-
-    At most I k/m, so that a stop asks for no shorter steps than a roller between its links.
+    """Stiffness of an arm's stops [N m/rad]: its own, or a link's at the lever, at most I k/m.
 
     Args:
-        lever: largest distance of the chain on the arm from the pivot [m].
+        lever: largest distance of the chain from the pivot [m].
         link_stiffness: k [N/m].
         roller_mass: m [kg].
     """

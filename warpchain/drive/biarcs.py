@@ -4,8 +4,7 @@ Two arcs with tangents T_0, T_1 at P_0, P_1 join at J = (P_0 + P_1 + d (T_0 - T_
 
     2 (1 - T_0.T_1) d^2 + 2 v.(T_0 + T_1) d - v.v = 0                                                      (a)
 
-(Bolton 1975). The line is the cubic spline with the fewest knots that leaves no point farther than half the tolerance
-(Dierckx 1993, scipy's `splprep`); the arcs stay within the other half of the spline.
+(Bolton 1975). The line is the cubic spline with the fewest knots within half the tolerance (Dierckx 1993).
 """
 
 from __future__ import annotations

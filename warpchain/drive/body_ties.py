@@ -1,4 +1,4 @@
-"""Ties between a drive's sprockets and shafts, by shafts, gears and couplings, and the speed ratios that these fix.
+"""Ties between a drive's sprockets and shafts, and the speed ratios that they fix.
 
 Bodies are numbered: the S sprockets, then the H shafts.
 """
@@ -72,9 +72,9 @@ def first_coupling_ratio(coupling: Any) -> Fraction | None:
 
 
 def body_ties(drive: Any) -> list[BodyTie]:
-    """Every tie between bodies of a drive, freewheels last.
+    """Ties between bodies of a drive, freewheels last, none with the ground.
 
-    Of a mapping that should become a drive, what is not whole is left out; so are couplings with the ground.
+    Of a mapping, what is wrong is left out.
     """
     names, found = body_names(drive), []
     pairs = [set(map(str, node_list(part, "between"))) for part in node_list(drive, "couplings")]
@@ -111,7 +111,7 @@ def is_freewheel(drive: Any, tie: BodyTie) -> bool:
 
 
 def rotation_owners(drive: Any) -> dict[str, str]:
-    """Name of the shaft that each sprocket on a shaft turns with, by the sprocket's name."""
+    """Shafts' names by names of their sprockets."""
     names = body_names(drive)
     return {names[tie.b]: names[tie.a] for tie in body_ties(drive) if tie.kind == "shaft"}
 
@@ -128,9 +128,7 @@ def rigid_ratios(drive: Any) -> TiedRatios:
 def ratios_with_chains(
     drive: Any, couplings: bool = True, without: BodyTie | None = None
 ) -> tuple[TiedRatios, list[tuple[BodyTie, Fraction]]]:
-    """Speed ratios of all bodies, with chains as further ones at 1/z to sprockets, and the ties that contradict them.
-
-    A freewheel ties only what nothing else does.
+    """Speed ratios of bodies, then chains, at 1/z to sprockets, and the ties that contradict them.
 
     Args:
         couplings: whether couplings tie.
@@ -159,7 +157,10 @@ def part_of_body(drive: Any, b: int) -> Any:
 
 
 def driving_body(drive: Any) -> int:
-    """Number of the driving body: the first prescribed, else with a motor, else started, of a chain's first."""
+    """Number of the driving body: the first prescribed, else with a motor, else started.
+
+    Bodies tied to a chain come first.
+    """
     parts: Sequence[Any] = (*drive.sprockets, *drive.shafts)
     keys = ("prescribed", "motor", "initial_speed", "load")
     driving = [b for key in keys for b, part in enumerate(parts) if getattr(part, key, None) is not None]
@@ -172,7 +173,7 @@ def driving_sprocket(drive: Any) -> int:
 
 
 def nearest_sprocket(drive: Any, body: int) -> int | None:
-    """Index of the sprocket nearest to a body, over shafts and gears, then couplings; None without one."""
+    """Index of the sprocket nearest to a body; None without one."""
     seen = [body]
     edges = sorted(body_ties(drive), key=lambda tie: tie.kind == "couplings")
     for b in seen:

@@ -1,14 +1,12 @@
-"""Chains by size: pitch, roller, inner width, pin, mass, breaking load, and an estimate of a link's stiffness.
+"""Chains by size: dimensions, mass, breaking load, and an estimate of a link's stiffness.
 
-Dimensions and strengths are those of ISO 606:2015, Table 1 (series B and A, the latter with the strengths of ASME
-B29.1), and of ISO 10190:2008 for motorcycles. Masses are a maker's for simplex chains of ISO 606, others estimates:
+Dimensions and strengths are of ISO 606:2015, Table 1 (series A's strengths of ASME B29.1), and ISO 10190:2008 for
+motorcycles; sources: docs/catalogue.md. Masses beyond simplex chains of ISO 606 are estimates:
 
     several strands:    m' = n m'_1;  series A and heavy series  F_u = n F_u1                                    (a)
-    motorcycles:        m' = m'_0 + rho pi d1^2 (b1 - b1_0) / (4 p)                                              (b)
+    motorcycles:        m' = m'_0 + rho pi d1^2 (b1 - b1_0) / (4 p), index 0 of ISO 606 with pitch and roller    (b)
     bush chains:        d1, b1, d2 with p, and m', F_u with p^2, from 06C                                        (c)
     084:                m' = m'_0 F_u / F_u0, index 0 for 083                                                    (d)
-
-Index 0 of (b): the chain of ISO 606 with the same pitch and roller. Sources and checks: docs/catalogue.md.
 """
 
 from __future__ import annotations

@@ -73,8 +73,8 @@ class WornLink(Part):
     """One link with an elongation of its own.
 
     Attributes:
-        link: index from 0; link i joins rollers i and i + 1, roller 0 the first seated one of the first sprocket.
-        elongation: wear of this link over the pitch [-], in place of the chain's.
+        link: index from 0; link i joins rollers i and i + 1, roller 0 the first on the first sprocket.
+        elongation: wear over the pitch [-].
     """
 
     link: LinkIndex
@@ -82,11 +82,11 @@ class WornLink(Part):
 
 
 class Joint(Part):
-    """Joints of a chain: pins that rub in bushes (`kernels.physics.friction`).
+    """Joints of a chain: pins that rub in bushes.
 
     Attributes:
         friction: coefficient of friction of pin and bush, mu_d [-].
-        pin_radius: radius of the pins, r_p [m]; None is half of the size's d2.
+        pin_radius: radius of the pins, r_p [m]; None is d2/2.
         factor: spread of the pressure, kappa [-]: 1 line contact, 4/pi worn in, pi/2 new.
         static_friction: coefficient at rest, mu_s [-]; None is mu_d.
         stribeck_speed: speed over which mu falls from mu_s to mu_d, v_s [m/s].
@@ -132,9 +132,9 @@ class Chain(Part):
     """A chain: links between rollers that are point masses, eq. (1)-(3).
 
     Attributes:
-        size: size of the catalogue, which fills pitch, roller_radius and mass where not given.
+        size: size of the catalogue, which fills pitch, roller_radius and mass.
         pitch: unloaded length of a link [m].
-        links: number of links, and of rollers; even unless an offset link is meant.
+        links: number of links, and of rollers.
         roller_mass: mass of one pitch of chain [kg]; this or mass_per_length.
         mass_per_length: mass of one meter of chain [kg/m].
         stiffness: stiffness of one link [N/m]; "estimate" is the catalogue's for the size.
@@ -145,7 +145,7 @@ class Chain(Part):
         worn_links: links with an elongation of their own.
         joint: friction of its joints; None is none.
         outer: values of the outer links, those of even index; None is those of all.
-        play: way that a link can be drawn out, and pushed in, before its spring acts, s [m]; None is 0.
+        play: way that a link moves out or in before its spring acts, s [m]; None is 0.
     """
 
     size: Size | None = None
@@ -197,7 +197,7 @@ class Chain(Part):
 
     @property
     def outer_pitch(self) -> float:
-        """Unloaded length of an outer link without an elongation of its own [m]."""
+        """Unloaded length of an outer link [m]."""
         own = None if self.outer is None else self.outer.elongation
         return self.pitch * (1.0 + (self.elongation if own is None else own))
 
@@ -213,7 +213,7 @@ class Chain(Part):
 
     @property
     def mean_stiffness(self) -> float:
-        """Stiffness of a link [N/m] in a chain of equal links that is as stiff."""
+        """Mean stiffness of a link [N/m]."""
         if self.outer is None:
             return self.stiffness
         series: float = 2.0 / (1.0 / self.stiffness + 1.0 / self.outer_stiffness)
@@ -221,7 +221,7 @@ class Chain(Part):
 
     @property
     def varied_links(self) -> bool:
-        """Whether links differ in more than length, or have play."""
+        """Whether links differ beside length, or have play."""
         played = self.play is not None and is_true_somewhere(self.play > 0.0)
         if self.outer is None:
             return played
@@ -230,7 +230,7 @@ class Chain(Part):
 
     @property
     def worn_pitch(self) -> float:
-        """Mean length at which a pulled link begins to carry tension [m]."""
+        """Mean length of a link at which tension begins [m]."""
         inner = self.pitch * (1.0 + self.elongation)
         if self.outer is None:
             return inner + self.link_play
@@ -238,13 +238,13 @@ class Chain(Part):
 
     @property
     def pulled_pair(self) -> tuple[float, float]:
-        """Lengths at which a pulled inner and outer link begin to carry tension [m]."""
+        """Lengths of an inner and outer link at which tension begins [m]."""
         inner = self.pitch * (1.0 + self.elongation)
         return inner + self.link_play, self.outer_pitch + self.link_play
 
     @property
     def link_lengths(self) -> NDArray[np.float64]:
-        """Unloaded lengths (N,) of the links [m]; of a stack (V, N)."""
+        """Unloaded lengths of links [m], (N,) or (V, N)."""
         import numpy as np
 
         inner, outer = self.pitch * (1.0 + self.elongation), self.outer_pitch
@@ -262,7 +262,7 @@ class Chain(Part):
 
     @property
     def pulled_lengths(self) -> NDArray[np.float64]:
-        """Lengths (N,) at which pulled links begin to carry tension [m]; of a stack (V, N)."""
+        """Lengths of links at which tension begins [m], (N,) or (V, N)."""
         return self.link_lengths + with_last_axis(self.link_play)
 
     @property
@@ -272,21 +272,21 @@ class Chain(Part):
 
     @property
     def pin_radius(self) -> float | None:
-        """Radius of the pins [m]: the joint's own, or else the size's; None without either."""
+        """Radius of the pins [m]; None without size."""
         if self.joint is not None and self.joint.pin_radius is not None:
             return self.joint.pin_radius
         return None if self.size is None else CHAINS[self.size].pin_radius
 
     @property
     def joint_area(self) -> float | None:
-        """Bearing area of a joint, d2 b2 [m^2]; None without a size."""
+        """Bearing area of a joint, d2 b2 [m^2]; None without size."""
         if self.size is None or self.pin_radius is None:
             return None
         return 2.0 * self.pin_radius * INNER_WIDTHS * CHAINS[self.size].inner_width * CHAINS[self.size].strands
 
     @property
     def breaking_load(self) -> float | None:
-        """Least tensile strength for the chain's size [N]; None without a size."""
+        """Least tensile strength [N]; None without size."""
         return None if self.size is None else CHAINS[self.size].breaking_load
 
     @property
@@ -348,11 +348,11 @@ class Chain(Part):
 
 
 class NamedChain(Chain):
-    """One of several chains of a drive, with a name.
+    """One of several chains of a drive.
 
     Attributes:
-        name: unique among all parts; names of its strands and metrics begin with it.
-        plane: name of the plane in which it runs; chains of one plane must not cross.
+        name: unique among all parts; prefix of its strands and metrics.
+        plane: name of its plane; chains of one plane must not cross.
     """
 
     name: Name

@@ -26,7 +26,7 @@ class DriveChanges:
         self.forms: dict[tuple[str, ...], _DriveForm | None] = {}
 
     def changed_drive(self, values: Mapping[str, Any]) -> Drive:
-        """Copy of the drive with other values by key path; only the first one warns.
+        """Copy of the drive with other values by key path.
 
         Raises:
             DriveError: as `Drive.with_values`.
@@ -76,7 +76,7 @@ class _DriveForm:
 
 
 class _PartChange:
-    """Copies a part of a drive with other numbers, checking their fields and rules.
+    """Copies a part of a drive with other numbers, checked.
 
     Args:
         tree: which of the values goes where, by keys and list indices.

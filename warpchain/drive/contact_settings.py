@@ -117,13 +117,13 @@ class ImpactLaw(Part):
     Attributes:
         law: name of the contact law.
         restitution: coefficient of restitution, e [-].
-        restitution_means: "parameter", e of the law's own formula; or "rebound", what a free roller rebounds by.
+        restitution_means: "parameter", e of the law's formula; or "rebound", e of a free roller.
         exponent: exponent of the penetration, n [-]; 1 is the linearised cylinder contact.
         impact_speed_floor: least approach speed at the begin of a contact, v0 [m/s].
         stiffness: generalized stiffness, K [N/m^n]; or width, load and materials.
         width: length of the line contact [m].
-        reference_load: load at which K is taken from the load-penetration curve [N].
-        roller, partner: materials of the chain roller and of what it touches.
+        reference_load: load at which materials give K [N].
+        roller, partner: materials of roller and partner.
         friction: coefficient of dry friction, mu_d [-]; None is none.
         static_friction: coefficient at rest, mu_s [-]; None is mu_d.
         stribeck_speed: speed v_s [m/s] in mu = mu_d + (mu_s - mu_d) exp(-(v / v_s)^2).
@@ -168,7 +168,7 @@ class SprocketContact(ImpactLaw):
         gap: "minimum" or "maximum" gap, with profile "iso606".
         seat_angle: angle of the seat arc [degrees]; None is 140 - 90/z, less for few teeth.
         clearance: radius of the seat less radius of the roller [m]; needed with profile "circular".
-        bush_stiffness: stiffness of bush and pin, in series with the tooth [N/m]; with exponent 1 only. None is rigid.
+        bush_stiffness: stiffness of bush and pin, in series with the tooth [N/m]; None is rigid.
     """
 
     profile: Annotated[Literal["circular", "iso606"], Value('must be "circular" or "iso606"')] = "circular"
@@ -231,7 +231,7 @@ class Contact(Part):
 def merged_contact_values(base: Any, overrides: Any) -> dict[str, Any]:
     """Contact settings of a guide by key: its own, otherwise the common ones.
 
-    A stiffness of its own replaces common materials, and a material of its own the common stiffness.
+    Its own stiffness replaces common materials, its own material the common stiffness.
     """
     keys = GuideOverrides.model_fields
     own = {key: node_value(overrides, key) for key in keys if node_value(overrides, key) is not None}

@@ -100,16 +100,16 @@ NUMBER_RULES = {
 
 
 class _NoSingleChain(DriveError, AttributeError):
-    """Raised where `chain` of a drive with several chains is read."""
+    """Raised where `chain` of several is read."""
 
 
 class Drive(Part):
     """A roller-chain drive: immutable, compared and hashed by value.
 
     Attributes:
-        chain: the chain; read from a drive of several, it raises an error.
-        chains: the chains of a drive of several; () with a single one.
-        sprockets: (S,) sprockets in the order in which their chain visits them.
+        chain: the chain of a drive with one.
+        chains: chains of a drive with several.
+        sprockets: (S,) sprockets in their chain's order.
         guides: (G,) guides.
         arms: (A,) bodies that turn about a pivot.
         tensioners: (T,) tensioners of arms, or of sprockets on sliders.
@@ -120,8 +120,8 @@ class Drive(Part):
         gears: gear pairs between shafts.
         couplings: springs and dampers with play between shafts.
         temperature: temperature of the drive [degrees C]; None is 20.
-        expansion: coefficients of expansion; None is a block of aluminum, wheels and chain of steel.
-        valves: groups of valves that cams of sprockets and shafts lift.
+        expansion: coefficients of expansion; None is an aluminum block, steel wheels and chain.
+        valves: groups of valves that cams lift.
 
     Raises:
         DriveError: one line for each value that is missing, unknown or not allowed.
@@ -169,7 +169,7 @@ class Drive(Part):
             self._as_read = as_read
 
     def model_copy(self, *, update: Mapping[str, Any] | None = None, deep: bool = False) -> Self:
-        """Unchecked copy of the drive; changes other than of run settings remove its temperature."""
+        """Unchecked copy; changed parts remove its temperature."""
         copied = super().model_copy(update=update, deep=deep)
         if self._as_read is not None and update:
             run_alone = update.keys() == {"run"}
@@ -181,23 +181,23 @@ class Drive(Part):
     def with_values(self, values: Mapping[str, Any]) -> Self:
         """Changed copy of the drive, checked like a file.
 
-        A value replaces others that stand for the same, as damping damping_ratio. None takes an optional value away.
+        A value replaces others for the same, as damping damping_ratio; None takes one away.
 
         Args:
             values: by key path, such as "sprockets.camshaft.load.torque"; elements of a list by name or index.
 
         Raises:
-            DriveError: one line for each unknown path or value that is not allowed.
+            DriveError: one line for each unknown path or wrong value.
         """
         copied: Self = changed_part(self.as_read, values)  # type: ignore[assignment]  # of the same class
         return copied
 
     @check_arguments(DriveError)
     def get_value(self, path: str) -> Any:
-        """Value of the drive at a key path; None where an optional one is not given.
+        """Value of the drive at a key path; None where not given.
 
         Raises:
-            DriveError: for an unknown path, naming the nearest.
+            DriveError: for an unknown path.
         """
         return value_at_path(self.as_read, path)
 
@@ -235,14 +235,14 @@ class Drive(Part):
 
     @property
     def driver(self) -> int:
-        """Index of the driving sprocket: the first prescribed one, or the nearest to the shaft that drives."""
+        """Index of the driving sprocket: the first prescribed, or nearest to the driving body."""
         prescribed = (s for s, sprocket in enumerate(self.sprockets) if sprocket.prescribed is not None)
         first = next(prescribed, None)
         return driving_sprocket(self) if first is None else first
 
     @property
     def strand_names(self) -> tuple[str, ...]:
-        """Names (S,) "FROM->TO" of strands, from sprocket k to the next; of several chains "CHAIN.FROM->TO"."""
+        """Names (S,) "FROM->TO" of strands; of several chains "CHAIN.FROM->TO"."""
         found: list[str] = []
         for prefix, (_, sprockets) in zip(self.chain_prefixes, self.sprockets_by_chain, strict=True):
             names = [sprocket.name for sprocket in sprockets]
@@ -356,7 +356,7 @@ def _part_without_name(part: Any, key: str, name: Any) -> Any:
 
 
 def _values_without_names(values: dict[str, Any]) -> dict[str, Any]:
-    """Values of a single chain's drive, without its name and sprockets' own shafts."""
+    """Values of a single chain's drive without its name."""
     if any(node_list(values, kind) for kind in ("gears", "couplings")):
         return values
     kept = []
@@ -392,10 +392,10 @@ def loads_drive(text: str, source: str = "<text>", folder: str | os.PathLike[str
 
 @check_arguments(DriveError)
 def load_drive(path: str | os.PathLike[str]) -> Drive:
-    """Drive of a drive file (TOML, UTF-8).
+    """Drive of a TOML file.
 
     Raises:
-        DriveError: if it cannot be read, or one line for each error.
+        DriveError: if unreadable, or one line for each error.
     """
     return loads_drive(read_drive_text(path), str(path), Path(path).parent)
 
@@ -404,7 +404,7 @@ def read_drive_text(path: str | os.PathLike[str]) -> str:
     """Text of a drive file, unchecked.
 
     Raises:
-        DriveError: if it cannot be read or is not UTF-8.
+        DriveError: if unreadable or not UTF-8.
     """
     return read_text_file(path, "TOML", lambda reason: drive_error([reason], str(path)))
 
@@ -416,7 +416,7 @@ def dumps_drive(drive: Drive) -> str:
 
 
 def drive_values(drive: Drive) -> dict[str, Any]:
-    """Values of a drive as in its file, with defaults, as nested tables and lists."""
+    """Values of a drive, with defaults, as nested tables and lists."""
     values: dict[str, Any] = _values_without_empty_lists(drive.as_read.model_dump(exclude_none=True))
     return values
 
@@ -430,7 +430,7 @@ def _values_without_empty_lists(value: Any) -> Any:
 
 @check_arguments(DriveError)
 def save_drive(drive: Drive, path: str | os.PathLike[str]) -> None:
-    """Writes a drive file; one of that name is replaced at once and whole.
+    """Writes a drive file, replacing one at once and whole.
 
     Raises:
         DriveError: if it cannot be written.
@@ -439,7 +439,7 @@ def save_drive(drive: Drive, path: str | os.PathLike[str]) -> None:
 
 
 def write_drive_text(text: str, path: str | os.PathLike[str]) -> None:
-    """Writes the text of a drive file; one of that name is replaced at once and whole.
+    """Writes a drive file's text, replacing one at once and whole.
 
     Raises:
         DriveError: if it cannot be written.

@@ -40,7 +40,7 @@ from warpchain.drive.tooth_shape import iso606_tooth
 
 
 def sprocket_rules(drive: Any) -> Iterator[Problem]:
-    """Problems of fewer than two sprockets, and of drives that nothing drives."""
+    """Problems of too few sprockets, and of undriven drives."""
     sprockets = node_list(drive, "sprockets")
     if node_value(drive, "sprockets") is not None and len(sprockets) < 2:
         yield Problem(("sprockets",), node_value(drive, "sprockets"), "must be a list of at least 2 sprockets")
@@ -54,7 +54,7 @@ def sprocket_rules(drive: Any) -> Iterator[Problem]:
 
 
 def shaft_rules(drive: Any) -> Iterator[Problem]:
-    """Problems of tables and harmonics that refer to unknown sprockets or shafts."""
+    """Problems of references to unknown sprockets or shafts."""
     names = [node_value(part, "name") for kind in TURNED for part in node_list(drive, kind)]
     what = "a sprocket or a shaft" if node_list(drive, "shafts") else "a sprocket"
     turned = [(of, s, part) for of in TURNED for s, part in enumerate(node_list(drive, of))]
@@ -86,7 +86,7 @@ def guide_rules(drive: Any) -> Iterator[Problem]:
 
 
 def rolling_rules(drive: Any) -> Iterator[Problem]:
-    """Problems of rollers that roll on a guide while the chain has no bush friction."""
+    """Problems of rolling on guides without bush friction."""
     text = "must be false without chain.joint, whose friction rolling rollers pass on"
     chains = [chain for chain, _ in _sound_chains(drive) if chain.joint is None]
     places: list[tuple[tuple[str | int, ...], Any]] = []
@@ -111,7 +111,7 @@ def size_rules(drive: Any) -> Iterator[Problem]:
 
 
 def _sound_chains(drive: Any) -> Iterator[tuple[Chain, list[tuple[int, Any]]]]:
-    """Chains whose own values are right, each with its guides and their indices."""
+    """Sound chains, each with its guides and their indices."""
     guides = list(enumerate(node_list(drive, "guides")))
     chains = node_list(drive, "chains")
     if not chains and (chain := valid_part(Chain, node_value(drive, "chain"))) is not None:
@@ -122,7 +122,7 @@ def _sound_chains(drive: Any) -> Iterator[tuple[Chain, list[tuple[int, Any]]]]:
 
 
 def _chain_size_rules(drive: Any, chain: Chain, guides: Sequence[tuple[int, Any]]) -> Iterator[Problem]:
-    """Problems of clearance, reference loads and guides that do not fit a chain's size."""
+    """Problems of contacts that do not fit one chain's size."""
     contact, radius = node_value(drive, "contact"), chain.roller_radius
     sprocket = valid_part(SprocketContact, node_value(contact, "sprocket"))
     if sprocket is not None and sprocket.clearance is not None:
@@ -167,7 +167,7 @@ PLACES = {
     "probes": ("at",),
 }
 LEAST_LEVER = 1e-3
-"""Least share of a tensioner's distance that is lever, or of its direction that is along a slider [-]."""
+"""Least share of a tensioner's lever or direction [-]."""
 
 
 def name_rules(drive: Any) -> Iterator[Problem]:
@@ -213,7 +213,7 @@ def count_rules(drive: Any) -> Iterator[Problem]:
 
 
 def face_rules(drive: Any) -> Iterator[Problem]:
-    """Problems of guide faces that are too long or have too many pieces."""
+    """Problems of guide faces too long or with too many pieces."""
     guides, count = node_list(drive, "guides"), 0
     if len(guides) > MOST_PARTS:
         return
@@ -247,7 +247,7 @@ def profile_rules(drive: Any) -> Iterator[Problem]:
 
 
 def tooth_rules(drive: Any) -> Iterator[Problem]:
-    """Problems of tooth gaps that rollers do not fit, and of teeth that end below the pitch circle."""
+    """Problems of tooth gaps too small for rollers, and of too low teeth."""
     for s, sprocket in enumerate(node_list(drive, "sprockets")):
         chain, tooth, teeth = (
             chain_of_part(drive, sprocket),
@@ -335,7 +335,7 @@ def pivot_rules(drive: Any) -> Iterator[Problem]:
 
 
 def tensioner_rules(drive: Any) -> Iterator[Problem]:
-    """Problems of tensioners that push what cannot move, or away from the chain."""
+    """Problems of tensioners that push what is fixed, or away from the chain."""
     if not node_list(drive, "tensioners"):
         return
     arms, sprockets = (_index_by_name(node_list(drive, kind)) for kind in ("arms", "sprockets"))
@@ -391,7 +391,7 @@ def _sprockets_on_sliders(drive: Any) -> list[Any]:
 
 
 def _arm_push_rules(drive: Any, node: Any, arm_node: Any) -> Iterator[Problem]:
-    """Problem of a tensioner whose moment turns an arm's guide faces away from the chain.
+    """Problem of a tensioner that turns guide faces away from the chain.
 
     A turn by dtheta moves a face towards the chain by (r - p).t dtheta, in the mean proportional to |end - p|^2 -
     |start - p|^2.
@@ -432,7 +432,7 @@ def _arm_push_rules(drive: Any, node: Any, arm_node: Any) -> Iterator[Problem]:
 
 
 def _arm_sprocket_rules(drive: Any, tensioner: Tensioner, arm: Arm, lever: float, pitch: float) -> Iterator[Problem]:
-    """Problem of a tensioner that turns an arm's sprockets along with their strands' pull."""
+    """Problem of a tensioner that turns sprockets along with their strands' pull."""
     parts = node_list(drive, "sprockets")
     mine = next(
         (node_value(part, "chain") for part in parts if node_value(node_value(part, "mount"), "arm") == arm.name), None
@@ -452,7 +452,7 @@ def _arm_sprocket_rules(drive: Any, tensioner: Tensioner, arm: Arm, lever: float
 
 
 def _slider_push_rules(drive: Any, node: Any, s: int) -> Iterator[Problem]:
-    """Problem of a tensioner that does not push along its slider against the strands' pull."""
+    """Problem of a tensioner that does not push against the strands' pull."""
     kind = node_value(node_value(node_list(drive, "sprockets")[s], "mount"), "kind") or "fixed"
     if kind != "slider":
         name = node_value(node, "on")
@@ -483,7 +483,7 @@ def _slider_push_rules(drive: Any, node: Any, s: int) -> Iterator[Problem]:
 
 
 def _strand_pull(sprockets: list[Sprocket], s: int, pitch: float) -> tuple[float, float] | None:
-    """Sum of the unit vectors of two strands' pull on sprocket s; None where no strands fit."""
+    """Sum of two strands' unit vectors on a sprocket; None without strands."""
     before, own, after = sprockets[s - 1], sprockets[s], sprockets[(s + 1) % len(sprockets)]
     away, home = _strand_heading(own, after, pitch), _strand_heading(before, own, pitch)
     if away is None or home is None:
@@ -492,7 +492,7 @@ def _strand_pull(sprockets: list[Sprocket], s: int, pitch: float) -> tuple[float
 
 
 def _strand_heading(one: Sprocket, other: Sprocket, pitch: float) -> float | None:
-    """Heading [rad] of the straight strand between two sprockets, tangent to their pitch circles.
+    """Heading of the straight strand between two sprockets [rad].
 
     With n its left normal, (c_2 - c_1).n = s_2 R_2 - s_1 R_1.
     """

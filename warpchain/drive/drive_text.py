@@ -47,13 +47,13 @@ def self_contained_text(path: Path) -> str:
 
 
 def drive_text(text: str, drive: Drive) -> str:
-    """Text of a changed drive that keeps a drive file's words; changed numbers have `DIGITS` digits.
+    """Text of a changed drive that keeps a drive file's words.
 
     Args:
         text: of a file that names no other files.
 
     Returns:
-        Text that reads back as `drive` within these digits; that of `dumps_drive` where `text` cannot be edited.
+        Text that reads back as `drive` within `DIGITS`; `dumps_drive`'s where `text` cannot be edited.
     """
     edited = text
     for _ in range(PASSES if len(text) <= LONGEST else 0):
@@ -67,7 +67,7 @@ def drive_text(text: str, drive: Drive) -> str:
 
 
 def text_with_changes(text: str, before: Drive, after: Drive, digits: int = DIGITS) -> str:
-    """Text of a drive file with the values in which `after` differs from `before`.
+    """Text of a drive file with the differences of `after` from `before`.
 
     Args:
         text: TOML.

@@ -1,7 +1,7 @@
 """Contours of DXF drawings: faces of guides, teeth of sprockets.
 
-A contour is made of the lines, arcs, polylines, ellipses and splines, end to end, in the model space of a file, or on
-one layer, `FILE.dxf#LAYER`, blocks included. A face is an open line; a sprocket's outline is closed.
+A contour is made of lines, arcs, polylines, ellipses and splines, end to end, in the model space or on a layer,
+`FILE.dxf#LAYER`. A face is open; a sprocket's outline is closed.
 """
 
 from __future__ import annotations
@@ -90,7 +90,7 @@ def read_edges(path: Path, layer: str | None, unit: str | None = None, key: str 
         key: drive file's key of that unit.
 
     Raises:
-        DriveError: the drawing is wrong; one line that names the entity.
+        DriveError: the drawing is wrong; names the entity.
         WarpchainError: without the package ezdxf.
     """
     require_extra("dxf", "DXF", WarpchainError)
@@ -135,7 +135,7 @@ def read_edges(path: Path, layer: str | None, unit: str | None = None, key: str 
 def _entities_in_space(
     space: Any, insert: tuple[str, str] | None, depth: int, passed: Iterator[int]
 ) -> Iterator[tuple[str, Any, str]]:
-    """Layer, entity and name of each entity of a space, blocks placed; layer 0 is that of the reference.
+    """Layer, entity and name of each entity of a space, blocks placed.
 
     Args:
         insert: layer and name of the block's reference.
@@ -143,7 +143,7 @@ def _entities_in_space(
         passed: counts entities, points of splines and references.
 
     Raises:
-        DriveError: a reference to no block, to itself, or to one that cannot be drawn.
+        DriveError: a wrong reference.
     """
     if depth > DEEPEST:
         raise DriveError(f"{insert and insert[1]}: has blocks within blocks, {DEEPEST} deep and more")
@@ -364,11 +364,11 @@ def _fitted_arc(edge: Edge) -> _OutlineArc:
 
 
 def read_teeth(path: Path, layer: str | None, teeth: int, unit: str | None = None) -> dict[str, float | None]:
-    """Tooth gap and pitch of a sprocket's outline in a drawing, by key of `ToothGap`.
+    """Tooth gap and pitch of a sprocket's drawing, by key of `ToothGap`.
 
     Raises:
-        DriveError, WarpchainError: as `read_edges`; or for an open outline, another number of seats than `teeth`,
-            unlike teeth, or flanks not tangent to seats.
+        DriveError, WarpchainError: as `read_edges`; or for an open outline, unlike teeth or number, or flanks not
+            tangent to seats.
     """
     edges, closed = joined_edges(read_edges(path, layer, unit, "tooth_unit"))
     if not closed:

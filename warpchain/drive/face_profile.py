@@ -90,7 +90,7 @@ class PieceHeights(NamedTuple):
 
 @dataclass(frozen=True)
 class Piece:
-    """Arc or straight piece of a guide face, or of a stack's faces (V,).
+    """Arc or straight piece of a guide face, of a stack's (V,).
 
     Attributes:
         start: its first point [m].
@@ -154,11 +154,11 @@ class Piece:
 class Profile:
     """Face of a guide with its rounded ends; the chain rides on the left.
 
-    Places are arc lengths from the face's begin [m], negative on the first rounded end.
+    Places are arc lengths from the face's begin [m].
 
     Attributes:
         pieces: first and last are the quarter circles of the ends.
-        reversed: whether they run from the drive file's last end to its first.
+        reversed: whether they run against the drive file.
     """
 
     pieces: tuple[Piece, ...]
@@ -198,7 +198,7 @@ class Profile:
         return self.pieces[i].at(s - self.places[i])
 
     def locate(self, point: Sequence[float]) -> tuple[float, float] | None:
-        """Place and height [m] of a point over the nearest piece of the face; None beyond its ends."""
+        """Place and height of a point over the face [m]; None beyond its ends."""
         found: list[tuple[float, float]] = []
         last = self.pieces[-1]
         ahead = [
@@ -219,10 +219,10 @@ class Profile:
         return self.offset_points(0.0, spacing, caps)
 
     def offset_points(self, offset: float, spacing: float, caps: bool = True) -> NDArray[np.float64]:
-        """Points (n, 2) at a height over the face [m], where rollers of that radius have their centers.
+        """Points (n, 2) at a height over the face [m].
 
         Args:
-            spacing: of their feet on the face, at most [m].
+            spacing: of their feet on the face [m].
             caps: whether rounded ends are included.
         """
         import numpy as np
@@ -265,12 +265,12 @@ def straight_face(start: Point, end: Point) -> tuple[Piece, ...]:
 
 
 def rounded_face(points: Sequence[Point], radius: float) -> tuple[Piece, ...]:
-    """Face along a line through points, corners rounded with a radius [m].
+    """Face along points, corners rounded with a radius [m].
 
-    An arc that turns by b begins and ends R tan(b/2) from its corner.
+    An arc that turns by b begins R tan(b/2) from its corner.
 
     Raises:
-        ProfileError: equal neighboring points, or no room for an arc.
+        ProfileError: equal neighbors, or no room for an arc.
     """
     sides: list[Piece] = []
     for i, (a, b) in enumerate(pairwise(points), 1):
@@ -304,10 +304,10 @@ def arc_face(circles: Sequence[tuple[Point, float, float, float]]) -> tuple[Piec
     """Face along arcs, with straight pieces on common tangents.
 
     Args:
-        circles: center [m], radius [m], angles of entry and exit [rad]; counter-clockwise if the second is larger.
+        circles: centers, radii [m], angles of entry and exit [rad].
 
     Raises:
-        ProfileError: arcs that do not join within `JOINT_GAP` and `ALIGN`.
+        ProfileError: arcs that do not join.
     """
     faces: list[Piece] = []
     for i, (center, radius, begin, end) in enumerate(circles):

@@ -73,7 +73,7 @@ def read_columns(
         table: keys of `FILE_KEYS`, of a lift also of `LIFT_KEYS`.
 
     Raises:
-        DriveError: one line with the file's line number.
+        DriveError: names the file's line.
     """
     _check_file_keys(table, allowed, is_lift)
     names = {key: str(name) for key, name in (table.get("columns") or {}).items()}

@@ -137,16 +137,16 @@ class Guide(Part):
     Attributes:
         name: unique among all parts.
         start, end: ends of a flat face [m].
-        points: corners of a line, which are rounded [m].
-        arcs: arcs that follow each other, with straight pieces on common tangents.
-        profile: points of a measured line [m]; a drive file may name a file instead.
+        points: corners of a line, to be rounded [m].
+        arcs: arcs, with straight pieces on common tangents.
+        profile: points of a measured line [m]; a file may name a file.
         end_radius: radius of both ends [m]; None is a pitch, not with start and end.
         radius: radius of the rounded corners of `points` [m].
-        side: side of the way from start to end on which the chain rides.
+        side: side on which the chain rides.
         offset: distance from the face to the rollers' centers [m]; None is the rollers' radius.
         chain: chain that it guides, where there are several.
-        bolts: places at which a guide on the ground is screwed to the housing [m]; they share its force in exports.
-        arm: arm that carries it, drawn at the arm's angle 0; None is the ground.
+        bolts: places of screws to the housing [m]; they share its force in exports.
+        arm: arm that carries it; None is the ground.
         contact: contact settings that differ from `[contact.guide]`.
     """
 
@@ -250,7 +250,7 @@ def _face_shape_rules(node: Any, shape: str) -> Iterable[Problem]:
 
 
 def _face_shape(node: Any) -> tuple[str | None, tuple[Any, ...]]:
-    """Key and values that give a guide's face; None where they are wrong."""
+    """Key and values that give a guide's face."""
     if any(len(node_list(node, key)) > MOST_POINTS for key in SHAPES):
         return None, ()
     for key in ("points", "profile"):
@@ -287,7 +287,7 @@ def _face_of_values(key: str, values: tuple[Any, ...]) -> tuple[Piece, ...]:
 
 
 def guide_profile(node: Any, pitch: float) -> Profile | None:
-    """Profile of a guide, or of values that should become one; None where they are wrong.
+    """Profile of a guide or of its values.
 
     Args:
         pitch: default radius of ends [m].

@@ -1,8 +1,4 @@
-"""JSON schemas of drive and study files for editors: keys, descriptions, allowed values and quantities with units.
-
-They have pydantic's schema of a part, without nulls, with quantities such as "540 rpm"; rules between keys are left
-out.
-"""
+"""JSON schemas of drive and study files for editors: keys, descriptions, allowed values and quantities."""
 
 from __future__ import annotations
 

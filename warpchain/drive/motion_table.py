@@ -32,14 +32,14 @@ NOTABLE = 0.05
 
 
 def slowest_ripple(spectrum: NDArray[np.complexfloating]) -> int:
-    """Periods of the slowest part of a spectrum with `NOTABLE` of the largest."""
+    """Periods of a spectrum's slowest notable part."""
     size = abs(spectrum[1:])
     return 1 + int((size >= NOTABLE * size.max()).argmax())
 
 
 @lru_cache(maxsize=64)
 def _slowest_ripple_of_column(angle: tuple[float, ...], column: tuple[float, ...], revolutions: int) -> int:
-    """Periods of a table column's slowest ripple over so many revolutions."""
+    """Periods of a table column's slowest ripple."""
     import numpy as np  # here, since drives are read without it
 
     over = np.linspace(angle[0], angle[-1], SAMPLES * revolutions, endpoint=False)
@@ -50,8 +50,8 @@ class Table(Part):
     """A quantity over time or angle, row by row.
 
     Attributes:
-        time: instants [s], ascending; outside them the quantity stays as at the nearest.
-        angle: forward angle since the start [rad] over whole revolutions, after which the table begins anew.
+        time: instants [s], ascending; outside them the nearest row holds.
+        angle: forward angle since the start [rad] over whole revolutions; then it repeats.
         shaft: sprocket or shaft whose revolutions `angle` counts; None is the part's own.
         interpolation: "linear", or "cubic", a monotone cubic.
         factor: factor of the quantity.
@@ -137,7 +137,7 @@ class PlaceTable(Part):
     """Displacement of a center or pivot over time, a cubic spline that ends at rest.
 
     Attributes:
-        time: instants [s], at least 0, ascending; before the first it rests.
+        time: instants [s], ascending; before the first it rests.
         x: displacement to the right [m], 0 in the first row; None is 0.
         y: displacement upward [m], 0 in the first row; None is 0.
         factor: factor of the displacements.
@@ -233,7 +233,7 @@ class SpeedTable(Table):
     """Forward angular speed over time or over the angle turned.
 
     Attributes:
-        speed: forward speed [rad/s]; over angle above 0.
+        speed: forward speed [rad/s].
     """
 
     speed: Column
@@ -271,7 +271,7 @@ class MotorTable(Table):
     """Torque of a motor over its forward speed, over time or over the angle turned.
 
     Attributes:
-        speed: forward speeds [rad/s], ascending; outside them the torque stays as at the nearest.
+        speed: forward speeds [rad/s], ascending; outside them the nearest row holds.
         torque: moment in the direction of forward rotation [N m].
     """
 
@@ -286,7 +286,7 @@ class ClutchTable(Table):
     """Moment at which a clutch or brake slips, over time or speed.
 
     Attributes:
-        speed: magnitudes of speed [rad/s], ascending; outside them the torque stays as at the nearest.
+        speed: magnitudes of speed [rad/s], ascending; outside them the nearest row holds.
         torque: moment at which it slips [N m].
     """
 
@@ -322,7 +322,7 @@ class SupplyTable(Table):
     """Pressure of an oil supply over time, or over the pump's forward speed.
 
     Attributes:
-        speed: forward speeds [rad/s], ascending; outside them the pressure stays as at the nearest.
+        speed: forward speeds [rad/s], ascending; outside them the nearest row holds.
         shaft: sprocket or shaft that turns the pump; None is the chain's leader.
         pressure: absolute pressure of the supply [Pa].
     """

@@ -41,7 +41,7 @@ def _class_of(cls: type[Part], key: str, value: Any) -> type[Part] | None:
 
 
 def element_index(elements: Sequence[Any], key: str, depth: int) -> int:
-    """Index of the list element that a key means.
+    """Index of a list element by name or index.
 
     Raises:
         _UnknownPath: none.
@@ -183,7 +183,6 @@ def changed_part(part: PartType, values: Mapping[str, Any]) -> PartType:
 
 
 def python_number(value: Any) -> Any:
-    """A numpy scalar as Python's number; other values as they are."""
     return value.item() if type(value).__module__ == "numpy" and getattr(value, "ndim", 1) == 0 else value
 
 

@@ -1,10 +1,10 @@
-"""A drive that runs the other way: every sprocket turns against its `wrap`, the chain visits them in opposite order.
+"""A drive that runs the other way: sprockets turn against their `wrap`, the chain visits them in opposite order.
 
-Loads that store energy over the angle, as cams do, have M(phi) = dE/dphi; with phi' = -phi,
+Loads that store energy over the angle have M(phi) = dE/dphi; with phi' = -phi,
 
     M_h cos(h phi + psi)  ->  M_h cos(h phi' + pi - psi).                                                           (a)
 
-Fluctuations of speed become cos(h phi' - psi); tables stay.
+Fluctuations of speed become cos(h phi' - psi).
 """
 
 from __future__ import annotations

@@ -29,7 +29,7 @@ class RunSettings(Part):
         integrator: "leapfrog" or "rk4".
         sample_rate: samples of trajectories a second [Hz].
         gravity: acceleration of gravity [m/s^2].
-        phase: teeth of the driver by which the drive, with its harmonics and tables, starts turned on [-].
+        phase: teeth by which the driver starts turned on [-].
         seating: seed of rollers' initial places within the clearance; None is none.
         perturbation: seed of initial displacements of rollers by some 1e-9 pitches; None is none.
     """

@@ -214,7 +214,7 @@ def place_rule(path: tuple[str | int, ...], point: Any) -> Iterator[Problem]:
 
 
 def nearest_key_text(key: str, known: Iterable[str], most: int | None = None) -> str:
-    """End of an error sentence with the nearest known keys, or the first `most`."""
+    """End of an error sentence with nearest or known keys."""
     names = list(known)
     close = difflib.get_close_matches(key, names, n=1)
     return f"did you mean {close[0]}?" if close else f"allowed are {names_text(names, most or len(names))}"
@@ -287,7 +287,6 @@ class Part(BaseModel):
 
     @classmethod
     def _places(cls, values: Any) -> Callable[[Sequence[str | int]], str]:
-        """Function that words key paths in error lines."""
         known = dict[int, Counter[str]]()
         return lambda path: path_text(path, values, known)
 
@@ -343,7 +342,7 @@ class Part(BaseModel):
 
     @classmethod
     def _rules(cls, node: Any) -> Iterable[Problem]:
-        """Problems of several values of the part, or of a mapping where single ones are wrong."""
+        """Problems of several values of a part or mapping."""
         return ()
 
     @classmethod
@@ -438,9 +437,9 @@ def valid_part(cls: type[PartType], value: Any) -> PartType | None:
 
 
 def path_text(path: Sequence[str | int], values: Any, known: dict[int, Counter[str]]) -> str:
-    """Key path as users write it, list elements by usable name, else by index.
+    """Key path as users write it, list elements by name or index.
 
-    `known` caches counts of names by list.
+    `known` caches counts of names.
     """
     words: list[str] = []
     node = values

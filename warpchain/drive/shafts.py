@@ -1,11 +1,10 @@
 """Shafts that sprockets turn with, gear pairs, couplings, motors.
 
-A shaft is one coordinate q with an inertia J; sprockets on it have theta = theta_0 + q. Forward is the way the chain
-turns it, else counter-clockwise. A gear pair ties q_b = e (z_a / z_b) q_a, e = -1, or +1 with an internal gear; shafts
-so tied, each rho times as fast, turn as one, (sum rho^2 J) q'' = sum rho (moments). A coupling passes on M = k d + c
-d', d its twist q_a - q_b beyond the lash +-b; with ratios i, d is of q_a - i q_b since the ratio engaged, and b gets i
-M. A clutch slips at its torque; a freewheel passes on only what drives b forward. With the ground as a they are a brake
-and a backstop.
+Sprockets on a shaft q have theta = theta_0 + q; forward is the way the chain turns it, else counter-clockwise. A gear
+pair ties q_b = e (z_a / z_b) q_a, e = -1, or +1 with an internal gear; shafts so tied, each rho times as fast, turn as
+one, (sum rho^2 J) q'' = sum rho (moments). A coupling passes on M = k d + c d', d its twist q_a - q_b beyond the lash
++-b; with ratios i, d is of q_a - i q_b since the ratio engaged, and b gets i M. A clutch slips at its torque; a
+freewheel only drives b forward. With the ground they are a brake and a backstop.
 """
 
 from __future__ import annotations
@@ -154,7 +153,7 @@ class Shaft(Part):
 
     Attributes:
         name: unique among all parts.
-        inertia: moment of inertia without its sprockets' [kg m^2]; needed unless prescribed or a sprocket's is given.
+        inertia: moment of inertia without its sprockets' [kg m^2]; needed unless prescribed.
         prescribed: prescribed motion.
         load: moment against forward rotation.
         motor: moment in the direction of forward rotation.
@@ -178,7 +177,7 @@ class Shaft(Part):
 
 
 class Gear(Part):
-    """A gear pair between two shafts, or sprockets with their own.
+    """A gear pair between two shafts or sprockets.
 
     Attributes:
         name: unique among all parts.
@@ -268,17 +267,17 @@ class Clutch(Part):
 
 
 class Coupling(Part):
-    """A coupling: spring and damper with play between two shafts or sprockets, or to the ground.
+    """A coupling: spring and damper with play between two shafts, sprockets, or the ground.
 
     Attributes:
         name: unique among all parts.
-        between: the two, a and b; a may be "ground".
+        between: both, a and b; a may be "ground".
         stiffness: torsional stiffness, k [N m/rad].
         damping: torsional damping, c [N m s/rad].
         lash: play to either side, b [rad].
         ratios: gearbox ratios over time; None is 1.
         clutch: moment at which it slips; None never slips.
-        freewheel: a only drives b forward, and b may turn faster; of the ground, b does not turn backward.
+        freewheel: a only drives b forward; of the ground, b turns only forward.
     """
 
     name: Name

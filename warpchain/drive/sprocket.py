@@ -40,10 +40,10 @@ class Harmonic(Part):
     """One harmonic of a motion or load.
 
     Attributes:
-        order: periods per revolution [-]; four-stroke engines have halves.
-        amplitude: share of the mean speed [-] in a prescribed motion, torque [N m] in a load.
+        order: periods per revolution [-], halves for four-stroke engines.
+        amplitude: share of the mean speed [-], or torque of a load [N m].
         phase: phase at the initial angle [rad].
-        shaft: sprocket or shaft whose revolutions `order` counts; None is the part's own.
+        shaft: sprocket or shaft of `order`'s revolutions; None is its own.
     """
 
     order: Positive
@@ -53,7 +53,7 @@ class Harmonic(Part):
 
 
 class Prescribed(Part):
-    """A prescribed motion: speed (1 + sum of a_h cos(h phi + psi_h)), after a smooth start.
+    """A prescribed motion: speed (1 + sum of a_h cos(h phi + psi_h)).
 
     Attributes:
         speed: mean speed in the sense of `wrap` [rad/s]; this or a table.
@@ -134,8 +134,7 @@ class FixedMount(Part):
 
 
 class PrescribedMount(Part):
-    """A sprocket's center that is led: center + direction (offset + amplitude sin(2 pi frequency t + phase)), or by a
-    table.
+    """A sprocket's center led by center + direction (offset + amplitude sin(2 pi frequency t + phase)) or a table.
 
     Attributes:
         direction: direction of the line; this or a table.
@@ -216,7 +215,7 @@ Mount = Annotated[
 
 
 class Bearing(Part):
-    """Friction of a bearing: a moment mu_b r_b |F| of the chain's force, on an arm against relative rotation.
+    """Friction of a bearing: a moment mu_b r_b |F| of the chain's force.
 
     Attributes:
         friction: coefficient of friction, mu_b [-].
@@ -233,7 +232,7 @@ class ToothGap(Part):
     Attributes:
         seat_radius: radius of the seat arc [m].
         seat_angle: extent of the seat arc [degrees].
-        flank_radius: radius of the convex flanks [m]; None is straight.
+        flank_radius: radius of the flanks [m]; None is straight.
         tip_radius: radius of the tips from the sprocket's center [m].
     """
 
@@ -252,7 +251,7 @@ ON_COUPLINGS = {
     "brake": 'give a coupling between "ground" and this one with a clutch',
     "backstop": 'give a coupling between "ground" and this one with freewheel = true',
 }
-"""Keys of couplings that users may give to sprockets and shafts, with the remedy."""
+"""Keys of couplings in sprockets or shafts, with the remedy."""
 
 
 class Sprocket(Part):
@@ -265,15 +264,15 @@ class Sprocket(Part):
         center: its center [m].
         wrap: "ccw" if the chain turns counter-clockwise around it.
         pitch: pitch of its teeth, where worn [m]; None is the chain's.
-        tooth: gap between its teeth; a drive file may name a DXF outline. None is that of `contact.sprocket`.
-        mass: mass without the balance wheel [kg]; needed on an elastic mount, slider or arm.
-        inertia: moment of inertia without the balance wheel [kg m^2]; needed unless prescribed or on a shaft.
+        tooth: gap between its teeth, or a DXF file; None is that of `contact.sprocket`.
+        mass: mass without balance wheel [kg]; needed where forces move the center.
+        inertia: moment of inertia without balance wheel [kg m^2]; needed unless prescribed or on a shaft.
         prescribed: prescribed motion.
         load: moment against forward rotation.
         balance_wheel: eccentric mass.
         mount: mount of its center.
-        shaft: shaft that it turns with, which has motion and load; or, of several chains, another sprocket on it.
-        key: angle where the chain is laid, up to whole teeth [degrees]; None is where the chain seats.
+        shaft: shaft, or of several chains another sprocket, that it turns with.
+        key: angle where the chain is laid [degrees]; None is where it seats.
         bearing: friction of its bearing; None is none.
     """
 

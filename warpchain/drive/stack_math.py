@@ -1,6 +1,6 @@
-"""Functions of numbers, or of arrays of them over the variants of a stack (`warpchain.model.stacks`).
+"""Functions of numbers, or of arrays of them over a stack's variants.
 
-Results for a variant have the same bits alone as among others.
+Results of a variant have the same bits alone as among others.
 """
 
 from __future__ import annotations

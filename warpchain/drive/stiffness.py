@@ -66,7 +66,7 @@ def largest_load(law: ImpactLaw, roller_radius: float, partner_radius: float) ->
 
 
 def contact_stiffness(law: ImpactLaw, roller_radius: float, partner_radius: float, path: str) -> float:
-    """Generalized stiffness of a contact [N/m^n], given or from materials, eq. (20).
+    """Generalized stiffness of a contact [N/m^n], given or by eq. (20).
 
     Args:
         roller_radius: R1 [m].
@@ -74,7 +74,7 @@ def contact_stiffness(law: ImpactLaw, roller_radius: float, partner_radius: floa
         path: key path of the contact.
 
     Raises:
-        DriveError: reference load beyond the formula's validity; names the key.
+        DriveError: reference load beyond validity; names the key.
     """
     if law.stiffness is not None:
         return law.stiffness
@@ -89,8 +89,6 @@ def contact_stiffness(law: ImpactLaw, roller_radius: float, partner_radius: floa
 
 def rebound_ratio(restitution: float, law: str = "lankarani-nikravesh") -> float:
     """Speed after a free impact over that before, by a contact law [-].
-
-    It differs from e: Lankarani and Nikravesh's law returns 0.684 for e = 0.3.
 
     Raises:
         DriveError: unknown law, or restitution not above 0 and at most 1.
@@ -108,7 +106,7 @@ def contact_rebound(law: ImpactLaw) -> float:
 
 
 def contact_damping(law: ImpactLaw, stiffness: float, mass: float) -> float:
-    """Damping of a contact law: hysteresis factor d [-], or c of Kelvin-Voigt [N s/m].
+    """Damping of a contact law: factor d [-], or c of Kelvin-Voigt [N s/m].
 
     Args:
         stiffness: K [N/m^n].

@@ -1,13 +1,11 @@
-"""Tensioners: springs, hydraulic elements and ratchets between the ground and an arm, or a sprocket on a slider.
+"""Tensioners: springs, hydraulic elements and ratchets that push an arm, or a sprocket on a slider.
 
-With x the extension from the drawing along the push, F = max(0, preload - k x - c x') of the spring, plus (P - P_0) A
-of the oil. The chamber of volume V = V_0 + A x loses Q_leak = G (P - P_0) + (pi d h / 2) x' through the gap around the
-plunger,
+At extension x, F = max(0, preload - k x - c x') + (P - P_0) A. The chamber of volume V = V_0 + A x loses Q_leak = G (P
+- P_0) + (pi d h / 2) x' through the gap around the plunger,
 
     G = pi d h^3 (1 + 1.5 eps^2) / (12 eta L),                                                             (a)
 
-and is refilled through a check valve. A relief valve, above its set pressure, and a vent let oil out to P_0. A ratchet
-limits the way back to its backlash behind the last tooth passed.
+and is refilled through a check valve; a relief valve and a vent let oil out to P_0.
 """
 
 from __future__ import annotations
@@ -86,7 +84,7 @@ class Plunger(Part):
         mass: mass that moves with the point of contact [kg].
         gap: radial gap, h [m].
         length: length of the gap, L [m].
-        eccentricity: eccentricity in the bore, eps [-]: 0 in the middle, 1 at the wall.
+        eccentricity: eccentricity in the bore, eps [-], 1 at the wall.
     """
 
     diameter: Positive | None = None
@@ -151,7 +149,7 @@ class Valve(Part):
         return self.preload / self.hole_area
 
     def flow_area(self, lift: float) -> float:
-        """Area of the check valve's gap at a lift y, pi y (2 r_B tan(gamma) + y sin(gamma) / cos(gamma)^2) [m^2]."""
+        """Area of the check valve's gap, pi y (2 r_B tan(gamma) + y sin(gamma) / cos(gamma)^2) [m^2]."""
         angle = self.seat_angle_rad
         wide = 2.0 * self.ball_radius * math.tan(angle) + lift * math.sin(angle) / math.cos(angle) ** 2
         return math.pi * lift * wide
@@ -190,7 +188,7 @@ class Relief(Part):
         return (self.pressure - ambient) * self.hole_area
 
     def flow_area(self, lift: float) -> float:
-        """Area of the relief valve's gap at a lift y, pi d y [m^2]."""
+        """Area of the relief valve's gap, pi d y [m^2]."""
         return math.pi * self.diameter * lift
 
 
@@ -216,12 +214,11 @@ class Oil(Part):
 
     Attributes:
         density: density [kg/m^3].
-        viscosity: kinematic viscosity [m^2/s]; None follows from those at two temperatures.
-        viscosity_40, viscosity_100: kinematic viscosities at 40 and 100 degrees C [m^2/s]; needed at drive temperatures
-            other than 20.
+        viscosity: kinematic viscosity [m^2/s]; None is of the next two.
+        viscosity_40, viscosity_100: kinematic viscosities at 40 and 100 degrees C [m^2/s].
         bulk_modulus: bulk modulus of oil without air, E_0 [Pa].
         air: share of air at ambient pressure [-].
-        supply: supply pressure, P_s [Pa]; with a table that at rest.
+        supply: supply pressure, P_s [Pa]; of a table at rest.
         supply_table: supply pressure over time or speed; None is constant.
         ambient: ambient pressure, P_0 [Pa].
     """
@@ -251,7 +248,7 @@ class Oil(Part):
 
     @property
     def walther(self) -> Walther | None:
-        """Viscosity of the oil over temperature; None without two viscosities."""
+        """Viscosity of the oil over temperature."""
         return _walther_of_oil(self)
 
     @classmethod
@@ -297,7 +294,7 @@ class Oil(Part):
 
 
 def _walther_of_oil(oil: Any) -> Walther | None:
-    """Viscosity of an oil or mapping over temperature; None where it is wrong."""
+    """Viscosity of an oil or mapping over temperature."""
     at_40, at_100 = (node_value(oil, key) for key in POINTS)
     if not are_numbers(at_40, at_100) or not THINNEST <= at_100 < at_40 <= THICKEST:
         return None
@@ -335,11 +332,11 @@ class Tensioner(Part):
     Attributes:
         name: unique among all parts.
         on: its arm or sprocket.
-        at: point of contact on that body, as drawn [m].
+        at: point of contact as drawn [m].
         direction: direction of the push.
         kind: "spring" or "hydraulic".
         spring: spring; needed with kind "spring".
-        plunger: plunger; needed with kind "hydraulic"; else only its mass counts.
+        plunger: plunger; needed with kind "hydraulic".
         chamber, valve, oil: chamber, check valve and oil; needed with kind "hydraulic".
         relief: relief valve; None is none.
         vent: vent; None is none.

@@ -1,12 +1,9 @@
 """Text tables of drives and measured signals: a line of names, then lines of numbers.
 
-Rules, each decided once for a whole file:
-
 - The text is UTF-8, UTF-16, or else Windows-1252.
 - Cells are separated by the first of semicolons, tabs, commas and blanks at which a line of names stands above a line
   of no more numbers. Lines above the names, or with #, are passed over.
-- Between commas, numbers have decimal points; otherwise all have the sign that some have. Where both occur, or all are
-  like 1.249, `decimal` is needed.
+- Between commas, numbers have decimal points; otherwise the sign that some have. What is ambiguous needs `decimal`.
 - Units: NAME [UNIT], NAME (UNIT), NAME / UNIT, NAME in UNIT, a line of units below, or a unit as the name.
 """
 
@@ -166,7 +163,7 @@ def read_text_table(
     Args:
         decimal: "." or ","; None is found.
         head: line of the names; None is found.
-        names: names of columns, in small letters, that mark the line of names.
+        names: known names of columns, in small letters.
 
     Raises:
         TableError: unreadable or ambiguous.
@@ -193,14 +190,14 @@ def read_text_table(
 
 
 def column_place(names: Sequence[tuple[str, str]], wanted: str | None, default: int, option: str) -> int:
-    """Index of a table's column by name, name with unit, or number "#2".
+    """Index of a table's column by name or number "#2".
 
     Args:
         wanted: None takes `default`.
         option: command line option, for messages.
 
     Raises:
-        TableError: none or several of that name; the default has no name.
+        TableError: no single column of that name.
     """
     if wanted is None:
         if default >= len(names):
@@ -220,7 +217,7 @@ def column_place(names: Sequence[tuple[str, str]], wanted: str | None, default: 
 
 
 def options_as_keys(text: str) -> str:
-    """Refusal of a text table with file keys in place of command line options."""
+    """Refusal with a file's keys for command line options."""
     return re.sub(r"say --([a-z]+)-?([a-z]*)", lambda found: f"give {'_'.join(filter(None, found.groups()))}", text)
 
 
@@ -301,7 +298,7 @@ def _parsed_rows(lines: Sequence[tuple[int, str]], separator: str) -> Iterator[R
 
 
 def _with_few_blanks(text: str) -> str:
-    """Line with single blanks between cells, none in or before units' brackets."""
+    """Line with single blanks, none before units' brackets."""
     text = re.sub(r"\[[^\[\]]*\]|\([^()]*\)", lambda unit_of: unit_of[0].replace(" ", "·"), " ".join(text.split()))
     text = text.replace(" / ", "/")
     return re.sub(r"(?<=[^\s\])]) (?=[\[(])", "", text)
@@ -313,7 +310,7 @@ def _with_few_blanks(text: str) -> str:
 def _find_names(
     rows: list[Row], remarks: dict[int, str], separator: str, head: int | None, names: frozenset[str]
 ) -> tuple[list[Head], int, int] | None:
-    """Heads, their line and that of the first numbers; None without numbers.
+    """Heads, their line and that of the first numbers.
 
     Raises:
         TableError: several lines of names, or numbers without names.
@@ -353,7 +350,7 @@ def _misplaced_numbers(above: list[Row], row: Row, block: list[Row], separator: 
 def _names_at(
     rows: list[Row], remarks: dict[int, str], separator: str, head: int
 ) -> tuple[list[Head], int, int] | None:
-    """Heads in a given line, it and the line of the first numbers; None for too few."""
+    """Heads in a given line, it and that of the first numbers."""
     own = _parsed_rows([(head, remarks[head])], separator) if head in remarks else rows
     names = next((row for row in own if row.line == head), None)
     below = [row for row in rows if row.line > head and row.width]

@@ -99,7 +99,7 @@ GROWS = {
     "probes.radius": _BLOCK,
     "gears.module": _WHEELS,
 }
-"""Expansion of numbers by key; others, such as lifts and tensioners' parts, keep the file's values."""
+"""Expansion of numbers by key; others keep the file's values."""
 
 
 def has_other_temperature(drive: Any) -> bool:

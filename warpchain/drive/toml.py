@@ -1,7 +1,4 @@
-"""TOML text of nested tables, as drive files have them.
-
-Own code, as tomlkit is 25 times slower and formats inline tables otherwise.
-"""
+"""TOML text of nested tables, as drive files have them."""
 
 from __future__ import annotations
 

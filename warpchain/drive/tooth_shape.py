@@ -42,7 +42,7 @@ class Tooth:
     def normal(
         self, xi: NDArray[np.float64], eta: NDArray[np.float64], roller_radius: float
     ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Direction of a tooth gap's force on a roller, outward and counter-clockwise (...), tips left out.
+        """Direction of a tooth gap's force on a roller, outward and counter-clockwise (...).
 
         Args:
             xi, eta: (...) roller's center from the seat, outward and counter-clockwise [m].

@@ -1,11 +1,10 @@
 """Valve trains: groups of like valves that the cams of a sprocket or a shaft lift.
 
-A lift l(phi) is periodic over the shaft's forward angle less its phase: a table, or a profile of rise, dwell and fall
-with flanks
+Lifts are periodic over the shaft's forward angle less a phase: a table, or a rise, dwell and fall with flanks
 
-    polynomial  35 s^4 - 84 s^5 + 70 s^6 - 20 s^7    (4-5-6-7: no acceleration, no jerk at its ends)
+    polynomial  35 s^4 - 84 s^5 + 70 s^6 - 20 s^7    (no acceleration, no jerk at its ends)
     cycloid     s - sin(2 pi s) / (2 pi)             (no acceleration at its ends)
-    cosine      (1 - cos(pi s)) / 2                  (its acceleration jumps at its ends)
+    cosine      (1 - cos(pi s)) / 2                  (its acceleration jumps)
 
 for s from 0 to 1, joined by a periodic cubic spline.
 """
@@ -116,10 +115,10 @@ class LiftCurve:
 
 
 class LiftTable(Part):
-    """Lift of a valve over the shaft's forward angle, row by row.
+    """Lift of a valve over the shaft's forward angle.
 
     Attributes:
-        angle: forward angle [rad], ascending over one revolution or an equal part of one, after which it begins anew.
+        angle: forward angle [rad], ascending over one revolution or an equal part of one.
         lift: lift [m]; the last row repeats the first.
         factor: factor of the lifts.
     """
@@ -177,7 +176,7 @@ def _periodic_lift_rules(angle: Any, lift: Any) -> Iterator[Problem]:
 
 
 class LiftProfile(Part):
-    """Lift of a valve that rises from 0 at the cam's begin, dwells, and falls.
+    """Lift of a valve that rises from 0, dwells and falls.
 
     Attributes:
         shape: law of both flanks.
@@ -243,7 +242,7 @@ class ValveSpring(Part):
 
 @lru_cache(maxsize=64)
 def _slowest_lift_ripple(curve: LiftCurve, phases: tuple[float, ...]) -> int:
-    """Periods per turn of the slowest ripple of lifts' slopes with phases [degrees]."""
+    """Periods per turn of lifts' slowest ripple."""
     import numpy as np  # here, since drives are read without it
 
     shifts = np.exp(-1j * np.outer(np.arange(ROWS // 2 + 1), np.radians(phases))).sum(axis=1)

@@ -1,9 +1,8 @@
 """Viscosity of oils over temperature by ASTM D341 (Walther), nu in mm^2/s and T in K:
 
-    log10(log10(nu + 0.7)) = A - B log10(T).                                                              (a)
+    log10(log10(nu + 0.7)) = A - B log10(T),  2 <= nu <= 2e7.                                             (a)
 
-Two viscosities give A and B; B is 3.1 for multigrade engine oils, 3.5 to 3.7 for single-grade mineral oils. It holds
-for 2 to 2e7 mm^2/s.
+B is 3.1 for multigrade engine oils, 3.5 to 3.7 for single-grade mineral oils.
 """
 
 from __future__ import annotations

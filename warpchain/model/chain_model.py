@@ -1,4 +1,4 @@
-"""`ChainModel`: one chain of a drive with its parts, and what follows from their values."""
+"""One chain of a drive with its parts, and what follows from them."""
 
 from __future__ import annotations
 
@@ -31,14 +31,14 @@ from warpchain.model.train_speeds import driver_top_speed
 class ChainModel:
     """One chain of a drive, or of a stack of drives, with its parts.
 
-    Its bodies are numbered sprockets, shafts, arms. Numbers that differ within a stack are arrays (V,).
+    Bodies are numbered sprockets, shafts, arms. Numbers that differ within a stack are arrays (V,).
 
     Attributes:
         name: "" where it is the only one.
-        sprockets: (S,) in the chain's order; one that another chain turns is a `LedSprocket`.
+        sprockets: (S,) in the chain's order.
         run: its phase is that of the chain's leading sprocket.
-        shafts: (H,) those whose home is here (`warpchain.model.chain_models`), then `SprocketShaft`s.
-        places: indices of its parts in the whole drive, by `CHAIN_PARTS` and `TRAIN_PARTS`.
+        shafts: (H,) those at home here (`warpchain.model.chain_models`), then `SprocketShaft`s.
+        places: indices of its parts in the drive, by list.
     """
 
     name: str
@@ -62,14 +62,14 @@ class ChainModel:
 
     @property
     def driver(self) -> int:
-        """Index of the driving sprocket: the first prescribed one, or the nearest to the shaft that drives."""
+        """Index of the driving sprocket."""
         prescribed = (s for s, sprocket in enumerate(self.sprockets) if sprocket.prescribed is not None)
         first = next(prescribed, None)
         return driving_sprocket(self) if first is None else first
 
     @property
     def driver_speed(self) -> Any:
-        """Top speed of the driver without harmonics [rad/s]; with a motor about where moments balance."""
+        """Top speed of the driver, harmonics aside [rad/s]."""
         prescribed = self.sprockets[self.driver].prescribed
         return driver_top_speed(self) if prescribed is None else prescribed.top_speed
 
@@ -80,18 +80,18 @@ class ChainModel:
 
     @property
     def own_shafts(self) -> tuple[Shaft, ...]:
-        """Shafts of the chain that stand for no sprocket of another."""
+        """Shafts but `SprocketShaft`s."""
         return tuple(shaft for shaft in self.shafts if not isinstance(shaft, SprocketShaft))
 
     @property
     def strand_names(self) -> tuple[str, ...]:
-        """Names (S,) "FROM->TO" of strands, from sprocket k to the next."""
+        """Names (S,) "FROM->TO" of strands."""
         names = [sprocket.name for sprocket in self.sprockets]
         return tuple(f"{a}->{b}" for a, b in zip(names, names[1:] + names[:1], strict=True))
 
     @property
     def first_arm_body(self) -> int:
-        """Number of the first arm among the chain's bodies."""
+        """Number of the first arm's body."""
         return len(self.sprockets) + len(self.shafts)
 
     def sprocket_pitch(self, s: int) -> float:
@@ -99,14 +99,14 @@ class ChainModel:
         return tooth_pitch(self.sprockets[s], self.chain)
 
     def pitch_radius(self, s: int) -> float:
-        """Radius of a sprocket's pitch circle [m]: p / (2 sin(pi/z))."""
+        """Radius of a sprocket's pitch circle [m]."""
         return pitch_radius(self.sprockets[s], self.chain)
 
     def riding_radius(self, s: int) -> float:
-        """Radius at which rollers ride on a sprocket [m], in seats or on flanks.
+        """Radius at which rollers ride on a sprocket [m].
 
-        Links of length l ride at l / (2 sin(pi/z)); outer and inner links l, l' over a = 4 pi/z at sqrt(l^2 + l'^2 + 2
-        l l' cos(a/2)) / (2 sin(a/2)).
+        Links of length l ride at l / (2 sin(pi/z)); unlike ones l, l', with a = 4 pi/z, at sqrt(l^2 + l'^2 + 2 l l'
+        cos(a/2)) / (2 sin(a/2)).
         """
         half = math.pi / self.sprockets[s].teeth
         alone = maximum(self.sprocket_pitch(s), self.chain.worn_pitch) / (2.0 * math.sin(half))
@@ -117,7 +117,7 @@ class ChainModel:
         return where(inner == outer, alone, maximum(self.pitch_radius(s), over_both / (2.0 * math.sin(2.0 * half))))
 
     def riding_lean(self, s: int) -> float:
-        """Angle [rad] by which outer links on a sprocket reach beyond a tooth at either end."""
+        """Angle by which outer links reach beyond a sprocket's teeth [rad]."""
         if self.chain.outer is None:
             return 0.0
         inner, outer = self.chain.pulled_pair
@@ -126,7 +126,7 @@ class ChainModel:
         return where((inner == outer) | (radius <= self.pitch_radius(s)), 0.0, lean)
 
     def tooth(self, s: int) -> Tooth:
-        """Tooth gap of a sprocket: its own, the contact's, or ISO 606's."""
+        """Tooth gap of a sprocket."""
         return sprocket_tooth(self.sprockets[s], self.chain, self.contact.sprocket)
 
     def seat_angle(self, s: int) -> float:
@@ -143,67 +143,64 @@ class ChainModel:
         return maximum(0.5 * self.chain.pitch, reach)
 
     def catching_sprockets(self) -> tuple[int, ...]:
-        """Indices of sprockets whose straight flanks catch rollers."""
+        """Indices of sprockets that catch rollers."""
         of = enumerate(self.sprockets)
         return tuple(s for s, sprocket in of if is_catching(sprocket, self.chain, self.tooth(s)))
 
     def guide_contact(self, g: int) -> GuideContact:
-        """Contact settings of a guide, its own over the common ones."""
+        """Contact settings of a guide."""
         common, own = self.contact.guide, self.guides[g].contact
         assert common is not None  # the drive's own rule
         return common if own is None else GuideContact.model_construct(**merged_contact_values(common, own))
 
     def profile(self, g: int) -> Profile:
-        """Face of a guide as drawn, at its arm's angle 0."""
+        """Face of a guide as drawn."""
         profile = guide_profile(self.guides[g], self.chain.pitch)
         assert profile is not None  # the guide's own rules
         return profile
 
     def guide_offset(self, g: int) -> float:
-        """Height of a touching roller's center over a guide's face [m]."""
+        """Height of touching rollers over a guide's face [m]."""
         own = self.guides[g].offset
         return self.chain.roller_radius if own is None else own
 
     def arm_index(self, name: str) -> int | None:
-        """Index of a named arm; None without one."""
+        """Index of a named arm."""
         return next((a for a, arm in enumerate(self.arms) if arm.name == name), None)
 
     def arm_of(self, g: int) -> int | None:
-        """Index of the arm that carries a guide; None on the ground."""
+        """Index of a guide's arm."""
         name = self.guides[g].arm
         return None if name is None else self.arm_index(name)
 
     def guides_of(self, a: int) -> tuple[int, ...]:
-        """Indices of the guides on an arm."""
         return tuple(g for g, guide in enumerate(self.guides) if guide.arm == self.arms[a].name)
 
     def carrier(self, s: int) -> int | None:
-        """Index of the arm that carries a sprocket; None without one."""
+        """Index of a sprocket's arm."""
         mount = self.sprockets[s].mount
         return self.arm_index(mount.arm) if isinstance(mount, ArmMount) else None
 
     def parent(self, a: int) -> int | None:
-        """Index of the arm that carries an arm; None on the ground."""
+        """Index of the arm below an arm."""
         name = self.arms[a].arm
         return None if name is None else self.arm_index(name)
 
     def arms_on(self, a: int) -> tuple[int, ...]:
-        """Indices of the arms on an arm."""
         return tuple(k for k, arm in enumerate(self.arms) if arm.arm == self.arms[a].name)
 
     def masses_on(self, a: int) -> list[tuple[float, tuple[float, float]]]:
-        """Masses [kg] and places as drawn of an arm, its sprockets and, at pivots, its arms."""
+        """Masses [kg] and places of an arm and its load [m]."""
         arm, carried = self.arms[a], (self.sprockets[s] for s in self.sprockets_on(a))
         found = [(arm.mass, arm.center), *((s.mass, s.center) for s in carried if s.mass is not None)]
         return found + [(sum(mass for mass, _ in self.masses_on(k)), self.arms[k].pivot) for k in self.arms_on(a)]
 
     def pivot_table(self, s: int) -> PlaceTable | None:
-        """Table that leads the pivot of a sprocket's arm; None without one."""
+        """Table that leads a sprocket's pivot."""
         arm = self.carrier(s)
         return None if arm is None else self.arms[arm].pivot_table
 
     def sprockets_on(self, a: int) -> tuple[int, ...]:
-        """Indices of the sprockets on an arm."""
         return tuple(s for s in range(len(self.sprockets)) if self.carrier(s) == a)
 
     def center_lever(self, s: int) -> float:
@@ -212,7 +209,7 @@ class ChainModel:
         return hypot(x - px, y - py)
 
     def arm_lever(self, a: int) -> float:
-        """Largest distance of an arm's chain, or else center of mass, from its pivot [m]."""
+        """Largest distance of an arm's chain from its pivot [m]."""
         px, py = self.arms[a].pivot
         faces = [self.profile(g).points(self.chain.pitch, caps=False).tolist() for g in self.guides_of(a)]
         reach = maximum(0.0, *(hypot(px - x, py - y) for face in faces for x, y in face))
@@ -229,7 +226,7 @@ class ChainModel:
         return stop_damping(self.arms[a], self.stop_stiffness(a))
 
     def arm_inertia(self, a: int) -> float:
-        """Inertia of an arm about its pivot with plungers, sprockets and arms on it [kg m^2]."""
+        """Inertia of an arm with its load [kg m^2]."""
         body, (px, py) = self.first_arm_body + a, self.arms[a].pivot
         carried = 0.0
         for s in self.sprockets_on(a):
@@ -240,13 +237,13 @@ class ChainModel:
         return self.arms[a].inertia + self.plunger_mass_on(body) + carried
 
     def plunger_mass_on(self, body: int) -> float:
-        """Mass [kg], or on an arm inertia [kg m^2], of plungers on a body."""
+        """Plungers' mass [kg] on a sprocket, inertia [kg m^2] on an arm."""
         tensioners = range(len(self.tensioners))
         on = (t for t in tensioners if self.tensioner_body(t) == body)
         return sum(self.tensioners[t].plunger_mass * power(self.tensioner_lever(t), 2) for t in on)
 
     def tensioner_lever(self, t: int) -> float:
-        """Lever of a tensioner about its arm's pivot as drawn [m]; 1 on a sprocket."""
+        """Lever of a tensioner on an arm [m]; 1 on a sprocket."""
         tensioner = self.tensioners[t]
         arm = self.arm_index(tensioner.on)
         if arm is None:
@@ -256,7 +253,7 @@ class ChainModel:
         return (x - px) * dy - (y - py) * dx
 
     def tensioner_body(self, t: int) -> int:
-        """Number of the body that a tensioner pushes."""
+        """Number of a tensioner's body."""
         name = self.tensioners[t].on
         arm = self.arm_index(name)
         if arm is not None:
@@ -264,22 +261,20 @@ class ChainModel:
         return next(s for s, sprocket in enumerate(self.sprockets) if sprocket.name == name)
 
     def sprocket_stiffness(self, s: int) -> float:
-        """Generalized stiffness of a sprocket's contact [N/m^n], given or by eq. (20), bush and pin in series.
-
-        Roller and seat count as convex, as in the paper.
+        """Generalized stiffness of a sprocket's contact [N/m^n], eq. (20), bush and pin in series.
 
         Raises:
-            DriveError: reference load beyond the formula's validity; names the key.
+            DriveError: reference load beyond validity.
         """
         law, radius = self.contact.sprocket, self.chain.roller_radius
         tooth = contact_stiffness(law, radius, self.tooth(s).seat_radius, "contact.sprocket")
         return tooth if law.bush_stiffness is None else 1.0 / (1.0 / tooth + 1.0 / law.bush_stiffness)
 
     def guide_stiffness(self, g: int) -> float:
-        """Generalized stiffness of a guide's contact [N/m^n], given or by eq. (20), for a flat face.
+        """Generalized stiffness of a guide's contact [N/m^n], eq. (20).
 
         Raises:
-            DriveError: reference load beyond the formula's validity; names the key.
+            DriveError: reference load beyond validity.
         """
         path = f"guides.{self.guides[g].name}.contact" if self.guides[g].contact is not None else "contact.guide"
         return contact_stiffness(self.guide_contact(g), self.chain.roller_radius, math.inf, path)

@@ -1,7 +1,7 @@
 """Chains of a drive as models, each with its parts.
 
 Bodies that shafts, gears and couplings tie are a group. Its home is the chain that turns it, or the first that it
-turns; there its sprockets of other chains are shafts (`SprocketShaft`), with which they turn in a run.
+turns; there its sprockets of other chains are shafts (`SprocketShaft`).
 """
 
 from __future__ import annotations
@@ -37,11 +37,11 @@ class StartMotion(NamedTuple):
 
 
 class _MotionPlan:
-    """Order of motion through a drive's chains and groups.
+    """Order of motion through chains and groups.
 
     Attributes:
         group: of each body, its group's number.
-        leaders: sprocket that leads each chain, in the order of motion.
+        leaders: each chain's leading sprocket, in the order of motion.
         home: chain of each group.
     """
 
@@ -103,10 +103,10 @@ class _MotionPlan:
 
 
 def chain_models(drive: Drive, loaded: bool = False) -> tuple[ChainModel, ...]:
-    """Chains of a drive, or of a stack of drives, as models.
+    """Models of the chains of a drive or stack.
 
     Args:
-        loaded: whether `SprocketShaft`s have the loads that they turn, for figures before a run.
+        loaded: whether `SprocketShaft`s have their loads, for figures before a run.
     """
     if not drive.chains:
         parts = {kind: getattr(drive, kind) for kind in (*CHAIN_PARTS, *TRAIN_PARTS)}
@@ -166,7 +166,7 @@ def _chain_model(
 
 
 def _motions_by_own_angle(plan: _MotionPlan, b: int, names: set[str]) -> dict[str, Any]:
-    """Motion, load and motor of a body by angles within its chain."""
+    """Motion, load and motor of a body within its chain."""
     part = part_of_body(plan.drive, b)
     given = {key: getattr(part, key, None) for key in ("prescribed", "load", "motor")}
     return {
@@ -223,7 +223,7 @@ def _led_sprocket(
 def _start_motion(
     plan: _MotionPlan, b: int, found: dict[str, ChainModel], starts: dict[str, StartMotion]
 ) -> StartMotion:
-    """Start motion of a body by shafts and gears, else chains, else couplings."""
+    """Start motion of a body by ties, chains or couplings."""
     for other in (b, *plan.group_bodies(b)):
         start = _train_start_motion(plan, other, found, starts)
         if start is not None:

@@ -9,15 +9,15 @@ from warpchain.drive.arms import Arm
 from warpchain.drive.sprocket import ArmMount
 
 CHAIN_PARTS = ("sprockets", "guides", "arms", "tensioners", "probes")
-"""Lists of a drive whose parts belong to one chain."""
+"""Lists of parts that belong to one chain."""
 GROUP_PARTS = ("gears", "couplings", "valves")
-"""Lists of a drive whose parts belong to one group of bodies."""
+"""Lists of parts that belong to one group of bodies."""
 TRAIN_PARTS = ("shafts", *GROUP_PARTS)
-"""Lists of a drive whose parts turn sprockets or are turned by them."""
+"""Lists of parts that turn with sprockets."""
 
 
 def chain_part_places(drive: Any, name: str) -> dict[str, tuple[int, ...]]:
-    """Indices of a chain's parts in the drive, by `CHAIN_PARTS`."""
+    """Indices of a chain's parts in the drive, by list."""
     naming = ("sprockets", "guides", "probes")
     own = {kind: {i for i, part in enumerate(getattr(drive, kind)) if part.chain == name} for kind in naming}
     own["arms"] = {a for a, arm in enumerate(drive.arms) if chain_of_arm(drive, arm) == name}
@@ -27,7 +27,7 @@ def chain_part_places(drive: Any, name: str) -> dict[str, tuple[int, ...]]:
 
 
 def chain_of_arm(drive: Any, arm: Arm) -> str | None:
-    """Name of an arm's chain, by the parts on it; else the first."""
+    """Name of the chain of an arm's parts."""
     first = arm.arm or arm.name
     row = {first} | {other.name for other in drive.arms if other.arm == first}
     guides = [guide.chain for guide in drive.guides if guide.arm in row]
@@ -36,10 +36,10 @@ def chain_of_arm(drive: Any, arm: Arm) -> str | None:
 
 
 def motion_by_own_angle(motion: Any, names: Set[str], ratio: Callable[[str], float]) -> Any:
-    """A motion, load or motor by angles of shafts of its chain.
+    """A motion, load or motor by angles within its chain.
 
     Args:
-        names: of those shafts.
+        names: of the chain's shafts.
         ratio: speed of a shaft over its own.
     """
     changes: dict[str, Any] = {}

@@ -29,12 +29,12 @@ class FrictionCoefficients:
 
     @property
     def larger_coefficient(self) -> float:
-        """Larger of the static and dynamic coefficient [-]."""
+        """Larger coefficient [-]."""
         return maximum(self.dynamic, self.static)
 
 
 def friction_coefficients(law: ImpactLaw | Joint, most: float = math.inf) -> FrictionCoefficients:
-    """Friction coefficients of a contact or of joints, at most `most`."""
+    """Friction coefficients of a contact, at most `most`."""
     dynamic = 0.0 if law.friction is None else law.friction
     static = dynamic if law.static_friction is None else law.static_friction
     speed = 1.0 if law.stribeck_speed is None else law.stribeck_speed

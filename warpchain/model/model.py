@@ -1,4 +1,4 @@
-"""`Model`: a drive as a whole with its chains, and how they turn each other."""
+"""A drive as a whole with its chains, and how they turn each other."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ ChainBody = tuple[int, int]
 class Model:
     """A drive, or a stack of drives, with its chains.
 
-    Bodies of the drive are numbered sprockets, shafts, arms.
+    Bodies are numbered sprockets, shafts, arms.
     """
 
     drive: Drive
@@ -32,12 +32,12 @@ class Model:
 
     @cached_property
     def loaded_chains(self) -> tuple[ChainModel, ...]:
-        """Chains with the loads that their sprocket shafts turn, for figures before a run."""
+        """Chains with their sprocket shafts' loads, before a run."""
         return chain_models(self.drive, loaded=True)
 
     @property
     def chain(self) -> ChainModel:
-        """The chain of a drive that has one.
+        """The chain of a drive.
 
         Raises:
             DriveError: there are several.
@@ -47,7 +47,7 @@ class Model:
 
     @property
     def driver_speed(self) -> Any:
-        """Top speed of the drive's driver [rad/s]."""
+        """Top speed of the driver [rad/s]."""
         driver = self.drive.driver
         prescribed = self.drive.sprockets[driver].prescribed
         if prescribed is not None:
@@ -58,19 +58,19 @@ class Model:
 
     @property
     def driver_ratios(self) -> list[float]:
-        """Speed of each chain's driving sprocket over the driver's."""
+        """Speed of each chain's driver over the drive's."""
         drivers = [chain.places["sprockets"][chain.driver] for chain in self.chains]
         return [self.speed_ratio(driver, self.drive.driver) for driver in drivers]
 
     @property
     def shaft_ratios(self) -> dict[str, float]:
-        """Speeds of the shafts over the driver's, by name."""
+        """Speeds of shafts over the driver's, by name."""
         shafts = enumerate(self.drive.shafts, len(self.drive.sprockets))
         return {shaft.name: self.speed_ratio(b, self.drive.driver) for b, shaft in shafts}
 
     @property
     def shared_bodies(self) -> list[tuple[ChainBody, ChainBody]]:
-        """Pairs of bodies that are one: a shaft of the home chain, a sprocket in another."""
+        """Pairs of bodies that are one, home chain first."""
         sprockets = {of.name: (r, k) for r, chain in enumerate(self.chains) for k, of in enumerate(chain.sprockets)}
         return [
             ((r, b), sprockets[shaft.name])
@@ -80,12 +80,12 @@ class Model:
         ]
 
     def speed_ratio(self, b: int, other: int) -> float:
-        """Forward speed of a sprocket or shaft over another's; 1 where nothing ties them."""
+        """Forward speed of a body over another's."""
         found, _ = ratios_with_chains(self.drive)
         return abs(float(found.ratio[b] / found.ratio[other])) if found.root[b] == found.root[other] else 1.0
 
     def chain_of_sprocket(self, s: int) -> tuple[ChainModel, int]:
-        """Chain around a sprocket of the drive, and the sprocket's index there."""
+        """Chain and index of a sprocket of the drive."""
         around = next(chain for chain in self.chains if s in chain.places["sprockets"])
         return around, around.places["sprockets"].index(s)
 
@@ -99,14 +99,14 @@ class Model:
 
 
 def chains_of(of: Drive | ChainModel) -> tuple[ChainModel, ...]:
-    """Chains of a drive or stack; of a chain, itself."""
+    """Chains of a drive; of a chain, itself."""
     return (of,) if isinstance(of, ChainModel) else Model(of).chains
 
 
 def single_chain(of: Drive | ChainModel) -> ChainModel:
-    """The chain of a drive that has one, or a chain itself.
+    """The chain of a drive, or a chain itself.
 
     Raises:
-        DriveError: a drive of several.
+        DriveError: there are several.
     """
     return of if isinstance(of, ChainModel) else Model(of).chain

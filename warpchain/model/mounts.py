@@ -1,4 +1,4 @@
-"""Mounts and balance wheels of sprockets: initial place and velocity, masses, springs, own frequencies."""
+"""Mounts and balance wheels of sprockets: places, velocities, masses, springs, frequencies."""
 
 from __future__ import annotations
 
@@ -22,14 +22,14 @@ def unit_direction(direction: tuple[float, float]) -> NDArray[np.float64]:
 
 
 def _unit_components(direction: tuple[float, float]) -> tuple[Any, Any]:
-    """Components of the unit vector along a direction."""
+    """Components of a direction's unit vector."""
     x, y = direction
     size = hypot(x, y)
     return x / size, y / size
 
 
 def initial_place(sprocket: Sprocket) -> tuple[Any, Any]:
-    """Coordinates of a sprocket's center at t = 0 [m], of a stack (V,)."""
+    """Coordinates of a sprocket's center at t = 0 [m]."""
     (x, y), mount = sprocket.center, sprocket.mount
     if not isinstance(mount, PrescribedMount) or mount.direction is None:
         return x, y
@@ -38,7 +38,7 @@ def initial_place(sprocket: Sprocket) -> tuple[Any, Any]:
 
 
 def initial_velocity(sprocket: Sprocket, pivot: PlaceTable | None) -> NDArray[np.float64]:
-    """Velocity of a sprocket's center at t = 0 (2,) [m/s]; on an arm by its pivot's table."""
+    """Velocity of a sprocket's center at t = 0 (2,) [m/s]."""
     mount = sprocket.mount
     if isinstance(mount, ArmMount):
         return start_velocity(pivot)
@@ -52,12 +52,12 @@ def initial_velocity(sprocket: Sprocket, pivot: PlaceTable | None) -> NDArray[np
 
 
 def start_velocity(table: PlaceTable | None) -> NDArray[np.float64]:
-    """Velocity of a table at t = 0 (2,) [m/s]; 0 without one."""
+    """Velocity of a table at t = 0 (2,) [m/s]."""
     return np.zeros(2) if table is None else np.array(table.start_velocity)
 
 
 def largest_displacement(sprocket: Sprocket) -> float:
-    """Largest displacement of a sprocket with a prescribed mount [m]."""
+    """Largest prescribed displacement of a sprocket's center [m]."""
     mount = sprocket.mount
     if not isinstance(mount, PrescribedMount):
         return 0.0
@@ -69,7 +69,7 @@ def largest_displacement(sprocket: Sprocket) -> float:
 
 
 def has_moving_center(sprocket: Sprocket) -> bool:
-    """Whether a sprocket's own mount lets its center move."""
+    """Whether a mount lets a sprocket's center move."""
     return not isinstance(sprocket.mount, FixedMount | ArmMount)
 
 
@@ -79,7 +79,7 @@ def is_on_springs(sprocket: Sprocket) -> bool:
 
 
 def has_active_mount(sprocket: Sprocket) -> bool:
-    """Whether a sprocket's center can move or it has a balance wheel."""
+    """Whether a sprocket's center moves or has a balance wheel."""
     return has_moving_center(sprocket) or is_true_somewhere(wheel_mass(sprocket) > 0.0)
 
 
@@ -89,18 +89,18 @@ def wheel_mass(sprocket: Sprocket) -> float:
 
 
 def wheel_inertia(sprocket: Sprocket) -> float:
-    """Inertia of the balance wheel about the sprocket's center, m_b r_b^2 [kg m^2]."""
+    """Inertia of a balance wheel, m_b r_b^2 [kg m^2]."""
     wheel = sprocket.balance_wheel
     return wheel_mass(sprocket) * power(wheel.radius, 2) if wheel is not None else 0.0
 
 
 def moving_mass(sprocket: Sprocket) -> float:
-    """Mass of sprocket and balance wheel [kg]."""
+    """Mass of a sprocket with balance wheel [kg]."""
     return (0.0 if sprocket.mass is None else sprocket.mass) + wheel_mass(sprocket)
 
 
 def mount_spring(sprocket: Sprocket) -> tuple[float, float]:
-    """Largest spring [N/m] and damper [N s/m] of a sprocket's mount."""
+    """Largest spring [N/m] and damper [N s/m] of a mount."""
     mount = sprocket.mount
     if isinstance(mount, ElasticMount):
         return maximum(*mount.stiffness), maximum(*mount.damping)
@@ -108,7 +108,7 @@ def mount_spring(sprocket: Sprocket) -> tuple[float, float]:
 
 
 def mount_frequencies(sprocket: Sprocket) -> tuple[float, ...]:
-    """Natural frequencies of a sprocket's mount without the chain [Hz]."""
+    """Natural frequencies of a mount without chain [Hz]."""
     mount = sprocket.mount
     stiffness: tuple[float, ...] = mount.stiffness if isinstance(mount, ElasticMount) else ()
     if isinstance(mount, SliderMount):
@@ -117,7 +117,7 @@ def mount_frequencies(sprocket: Sprocket) -> tuple[float, ...]:
 
 
 def wheel_force(sprocket: Sprocket, speed: float) -> float:
-    """Centrifugal force of the balance wheel, m_b r_b omega^2 [N]."""
+    """Centrifugal force of a balance wheel [N]."""
     return (
         wheel_mass(sprocket) * sprocket.balance_wheel.radius * speed**2 if sprocket.balance_wheel is not None else 0.0
     )

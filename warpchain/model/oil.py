@@ -1,4 +1,4 @@
-"""Oil in a hydraulic tensioner at rest: pressure, flows, stiffness and force."""
+"""Oil in a hydraulic tensioner at rest."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ if TYPE_CHECKING:
     from warpchain.drive.tensioners import Oil, Relief, Tensioner, Valve
 
 EXPONENT = 1.4
-"""Adiabatic exponent n of the oil's air [-]."""
+"""Adiabatic exponent of air [-]."""
 LAMINAR_DROP = 5.0e3
 """Pressure drop [Pa] below which a valve's flow is linear."""
 BOTTOM = 0.95
@@ -20,7 +20,7 @@ BOTTOM = 0.95
 
 
 def oil_stiffness(tensioner: Tensioner) -> float:
-    """Stiffness E A^2 / V of a closed oil chamber as drawn [N/m]; 0 without oil."""
+    """Stiffness E A^2 / V of a closed oil chamber [N/m]."""
     if not tensioner.hydraulic:
         return 0.0
     oil, chamber = tensioner.oil, tensioner.chamber
@@ -29,7 +29,7 @@ def oil_stiffness(tensioner: Tensioner) -> float:
 
 
 def valve_flow(tensioner: Tensioner, pressure: float) -> float:
-    """Flow through the check valve at an absolute chamber pressure [Pa], Q_cv [m^3/s]."""
+    """Flow through a check valve [m^3/s] at an absolute pressure [Pa]."""
     oil, valve = tensioner.oil, tensioner.valve
     assert oil is not None and valve is not None
     drop = oil.supply - pressure
@@ -38,7 +38,7 @@ def valve_flow(tensioner: Tensioner, pressure: float) -> float:
 
 
 def outlet_flows(tensioner: Tensioner, pressure: float) -> tuple[float, float]:
-    """Flows out of relief valve and vent at an absolute chamber pressure [Pa] [m^3/s]."""
+    """Flows out of relief valve and vent [m^3/s] at an absolute pressure [Pa]."""
     oil, relief, vent = tensioner.oil, tensioner.relief, tensioner.vent
     assert oil is not None
     drop = pressure - oil.ambient
@@ -51,7 +51,7 @@ def outlet_flows(tensioner: Tensioner, pressure: float) -> tuple[float, float]:
 
 
 def _lifted_area(valve: Valve | Relief, push: float) -> float:
-    """Jet area of an oil valve that a force opens [m^2]: hole and gap in series."""
+    """Jet area of an oil valve under a force [m^2]."""
     if push <= 0.0:
         return 0.0
     lift = valve.lift if push >= valve.stiffness * valve.lift else push / valve.stiffness
@@ -60,13 +60,13 @@ def _lifted_area(valve: Valve | Relief, push: float) -> float:
 
 
 def _jet_flow(area: float, drop: float, oil: Oil) -> float:
-    """Flow of an oil jet over a pressure drop [m^3/s]; 0 against it."""
+    """Forward flow of an oil jet over a pressure drop [m^3/s]."""
     limit = max(drop, LAMINAR_DROP)
     return area * math.sqrt(2.0 * limit / oil.density) * drop / limit if drop > 0.0 else 0.0
 
 
 def static_pressure(tensioner: Tensioner) -> Any:
-    """Absolute oil pressure at rest [Pa]; ambient in a drained chamber, or with a closed check valve."""
+    """Absolute oil pressure at rest [Pa]."""
     from warpchain.model.stacks import pick_variants, stack_arrays
 
     assert tensioner.oil is not None
@@ -97,14 +97,14 @@ def _single_static_pressure(tensioner: Tensioner) -> float:
 
 
 def filled_tensioner(tensioner: Tensioner) -> Tensioner:
-    """A tensioner with its chamber full of oil."""
+    """A tensioner with its chamber full."""
     if tensioner.chamber is None:
         return tensioner
     return tensioner.model_copy(update={"chamber": tensioner.chamber.model_copy(update={"drained": 0.0})})
 
 
 def filling_time(tensioner: Tensioner) -> float:
-    """Time in which oil fills a drained chamber at the largest supply pressure [s]."""
+    """Time in which oil fills a drained chamber [s]."""
     oil, chamber = tensioner.oil, tensioner.chamber
     assert oil is not None and chamber is not None
     most = oil.supply if oil.supply_table is None else max(oil.supply_table.values)
@@ -114,7 +114,7 @@ def filling_time(tensioner: Tensioner) -> float:
 
 
 def static_force(tensioner: Tensioner, x: float = 0.0) -> Any:
-    """Force of a tensioner at rest [N], (P - P_0) A + preload - k x, at an extension [m]."""
+    """Force of a tensioner at rest [N] at an extension [m]."""
     push = tensioner.spring_preload - tensioner.spring_stiffness * x
     if tensioner.hydraulic:
         assert tensioner.oil is not None
@@ -123,7 +123,7 @@ def static_force(tensioner: Tensioner, x: float = 0.0) -> Any:
 
 
 def bottom_place(tensioner: Tensioner) -> float:
-    """Extension at which the plunger stands on the bottom [m]; minus infinity without oil."""
+    """Extension of a plunger on the chamber's bottom [m]."""
     if not tensioner.hydraulic:
         return -math.inf
     assert tensioner.chamber is not None

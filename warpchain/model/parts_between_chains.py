@@ -1,4 +1,4 @@
-"""Sprockets that turn as another chain's, as each of the two chains has them."""
+"""Sprockets that turn as another chain's."""
 
 from __future__ import annotations
 
@@ -8,13 +8,13 @@ from warpchain.drive.sprocket import Load, Prescribed, Sprocket
 
 
 class LedSprocket(Sprocket):
-    """Sprocket that leads its chain, turned by another chain.
+    """Leading sprocket of a chain, turned by another chain.
 
-    It counts as prescribed but in a run (`warpchain.model.trains.is_free_body`).
+    Prescribed but in a run.
 
     Attributes:
-        driver: motion of the drive's driver at the start.
-        start_ratio: forward speed at the start over the driver's [-].
+        driver: motion of the drive's driver.
+        start_ratio: forward start speed over the driver's [-].
     """
 
     driver: Prescribed
@@ -22,12 +22,12 @@ class LedSprocket(Sprocket):
 
 
 class SprocketShaft(Shaft):
-    """Sprocket of another chain, as a shaft of its home chain.
+    """Sprocket of another chain as a home chain's shaft.
 
     Attributes:
         shaft: that it turns with.
-        demand: its load with those that its chain turns.
-        driven_inertia: inertia of its chain and what that turns [kg m^2].
+        demand: load with that of its chain.
+        driven_inertia: inertia with its chain's [kg m^2].
     """
 
     shaft: Name | None = None

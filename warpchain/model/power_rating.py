@@ -11,9 +11,9 @@ from warpchain.drive.stack_math import minimum, power
 HORSEPOWER, INCH, FOOT_A_MINUTE = 745.6998715822702, 0.0254, 0.00508
 """Horsepower [W], inch [m] and foot a minute [m/s]."""
 SERIES_A_STRENGTH = 12_500.0 * 4.4482216152605
-"""Least strength of a strand of series A over its squared pitch in inches [N]."""
+"""Strength of a series A strand over its squared pitch [N/in^2]."""
 STRAND_FACTORS = {1: 1.0, 2: 1.7, 3: 2.5}
-"""Rated power by strands over that of one [-]."""
+"""Rated power over one strand's [-]."""
 SERVICE_FACTORS = {
     "smooth": {"motor": 1.0, "hydraulic": 1.0, "engine": 1.2},
     "moderate": {"motor": 1.3, "hydraulic": 1.2, "engine": 1.4},
@@ -25,7 +25,7 @@ RATED_HOURS = 15_000.0
 LEFT_OUT = "acceleration, shocks beyond a service factor, vibration, guides and more than two sprockets"
 """Effects that ratings leave out."""
 WEAR_COEFFICIENT = 2e-16
-"""Wear coefficient k of oiled pin and bush [m^2/N]: 3 % elongation in 15,000 hours at ISO 10823's power."""
+"""Wear coefficient of oiled pin and bush [m^2/N], of ISO 10823's ratings."""
 LUBRICATION = {"A": "by hand or drop by drop", "B": "oil bath or disc", "C": "stream of oil under pressure"}
 """Lubrication classes of ASME B29.1."""
 _LUBRICATED_TO = """
@@ -33,7 +33,7 @@ pitch  0.25  0.375   0.5  0.625  0.75     1  1.25   1.5  1.75     2  2.25   2.5 
 A       500    370   300    250   220   170   150   130   115   100    95    85    75
 B      3500   2800  2300   2000  1800  1500  1300  1200  1100  1000   950   900   800
 """
-"""Highest chain speeds [ft/min] of lubrication A and B by pitch [in] (Machinery's Handbook)."""
+"""Highest chain speeds [ft/min] by pitch [in] (Machinery's Handbook)."""
 
 
 class SizeRating(NamedTuple):
@@ -86,11 +86,11 @@ class RatedPower(NamedTuple):
 
 
 def rated_power(size: str, teeth: int, speed: Any) -> RatedPower:
-    """Rated power of a chain size, (a) and (b).
+    """Rated power of a chain size, (a) and (b) [W].
 
     Args:
         teeth: of the smaller sprocket.
-        speed: of that sprocket, above 0 [rad/s].
+        speed: of that sprocket [rad/s].
     """
     rating, pitch, rpm = size_rating(size), CHAINS[size].pitch / INCH, speed * (30.0 / math.pi)
     assert rating is not None
@@ -100,7 +100,7 @@ def rated_power(size: str, teeth: int, speed: Any) -> RatedPower:
 
 
 def lubrication_limits(pitch: float) -> tuple[float, float]:
-    """Highest chain speeds of lubrication A and B [m/s] at a pitch [m]."""
+    """Highest chain speeds [m/s] of lubrication A and B."""
     import numpy as np
 
     rows = [[math.log(float(cell)) for cell in line.split()[1:]] for line in _LUBRICATED_TO.split("\n")[1:-1]]

@@ -1,8 +1,7 @@
 """Stacks: drives alike as one drive whose numbers are arrays over its variants.
 
-Drives are alike with the same parts, names, whole numbers, given values and zeros. Numbers that differ become arrays
-(V,), with which functions of `warpchain.drive.stack_math` calculate. Faces of guides that are no straight bars on the
-ground, and arms' pivots, must be the same.
+Drives are alike with the same parts, names, whole numbers, given values and zeros. Bent faces, and arms' pivots, must
+be the same.
 """
 
 from __future__ import annotations
@@ -75,7 +74,6 @@ def stacks_of_drives(drives: Sequence[Of], largest: int = LARGEST_STACK) -> list
 
 
 def split_stack(stack: Stack[Of], largest: int = LARGEST_STACK) -> Iterator[Stack[Of]]:
-    """Parts of a stack of at most `largest` variants."""
     count = len(stack.members)
     for part in (slice(begin, begin + largest) for begin in range(0, count, largest)):
         yield stack if count <= largest else Stack(stack.members[part], pick_variants(stack.one, part))

@@ -1,4 +1,4 @@
-"""Angles, motions, loads and motors of a drive that `run.phase` turns on at the start."""
+"""Motions of a drive that `run.phase` turns on at the start."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The driver's speed at the start and where motors and loads balance, by a drive lumped into one body."""
+"""Driver's speed at the start and in balance, of a lumped drive."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from warpchain.model.trains import body_speed_ratio, free_body_loads, inertia_of
 BALANCE_HALVINGS = 60
 """Halvings of the interval in which moments balance."""
 RUN_UP_ROUNDS = 6
-"""Refinements of steps for a run that ends before balance."""
+"""Refinements of steps for a run before balance."""
 SPEED_STEPS = 256
 """Steps between two speeds at which moments are compared."""
 
@@ -107,7 +107,7 @@ def driver_top_speed(model: Any) -> Any:
 
 
 def _balanced_speed(one: LumpedDrive, low: Any, high: Any) -> Any:
-    """Speed between two at which moments balance [rad/s], else the higher."""
+    """Speed at which moments balance [rad/s], else the higher."""
     for _ in range(BALANCE_HALVINGS):
         middle = 0.5 * (low + high)
         above = one.net_moment(middle) > 0.0

@@ -1,7 +1,7 @@
-"""Trains: sprockets and shafts that shafts, gears and couplings tie, and their speed ratios.
+"""Trains: sprockets and shafts that shafts, gears and couplings tie.
 
-Bodies are numbered sprockets, then shafts. A train is one coordinate; its body b has rho_b times the speed and the
-inertia sum rho^2 J / rho_b^2.
+Bodies are numbered sprockets, then shafts. A train is one coordinate; body b has rho_b times the speed and the inertia
+sum rho^2 J / rho_b^2.
 """
 
 from __future__ import annotations
@@ -57,14 +57,14 @@ def inertia_behind_body(drive: Any, b: int) -> Any:
 
 
 def train_inertia(drive: Any, b: int) -> Any:
-    """Inertia of a body's whole train at the body [kg m^2]."""
+    """Inertia of a body's whole train [kg m^2]."""
     train = train_of_body(drive, b)
     parts = [r * r * inertia_of_body(drive, other) for other, r in zip(*train, strict=True)]
     return sum(parts[1:], parts[0])
 
 
 def prescribed_leader(drive: Any, b: int) -> tuple[int, float] | None:
-    """Prescribed body of a body's train, and the ratio to it; None if free."""
+    """Prescribed body of a train, and the ratio to it."""
     for other, ratio in zip(*train_of_body(drive, b), strict=True):
         part = part_of_body(drive, other)
         if part.prescribed is not None and not isinstance(part, LedSprocket):
@@ -78,7 +78,7 @@ def is_free_body(drive: Any, s: int) -> bool:
 
 
 def turns_per_roller(drive: Any) -> list[float]:
-    """Counter-clockwise revolutions of each body a roller; its ratio without a chain."""
+    """Counter-clockwise revolutions of each body a roller."""
     found, _ = ratios_with_chains(drive)
     chain = found.ratio[-1]
     of_chain = found.root[-1]
@@ -141,12 +141,11 @@ def coupled_bodies(drive: Any, coupling: Any) -> tuple[int, int]:
 
 
 def coupling_rest_angle(drive: Any, c: int, ratio: Any, laid: Any) -> tuple[int, int, Any]:
-    """Bodies of a coupling, and its relaxed angle, the first's less `ratio` times the second's [rad].
-
-    The ground is body -1, at angle 0.
+    """Bodies of a coupling, -1 the ground, and the relaxed angle between them [rad].
 
     Args:
-        laid: (..., S) angles of the sprockets under the chain as laid [rad].
+        ratio: factor of the second body's angle.
+        laid: (..., S) angles of the sprockets [rad].
     """
     first, second = coupled_bodies(drive, drive.couplings[c])
     rest = 0.0
