@@ -34,7 +34,7 @@ def bent_length(trajectory: Any, frames: Any) -> tuple[float, float]:
 
     Half of the slopes' squares along the strand; the mean slope at each place, a pitch long, stands.
     """
-    drive, path = trajectory.drive, chain_path(trajectory.drive)
+    drive, path = trajectory.drive, chain_path(Model(trajectory.drive).chain)
     x = trajectory.position[frames].astype(float)
     whole, waves = 0.0, 0.0
     for begin, end in zip(path.strand_start, path.strand_end, strict=True):

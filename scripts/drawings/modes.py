@@ -18,6 +18,7 @@ from warpchain.assembly.timestep import step_limit
 from warpchain.modal.campbell import Campbell, campbell, pitch_averaged_campbell
 from warpchain.modal.eigenmodes import modes
 from warpchain.modal.mode_figures import mode_campbell_figure, mode_shapes_figure
+from warpchain.model import Model
 from warpchain.results.run import Trajectory
 from warpchain.results.signals import probe_signals
 from warpchain.view.figures.figure_style import strand_label
@@ -151,7 +152,7 @@ def recorded_run_up(drive: Drive) -> Trajectory:
 
 def mode_signal(trajectory: Any, mode: str) -> Array:
     """(F,) displacement of a mode's strand at `PLACE` of its length [m]."""
-    drive, path = trajectory.drive, assembled_path(trajectory.drive)
+    drive, path = trajectory.drive, assembled_path(Model(trajectory.drive).chain)
     strand = drive.strand_names.index(mode.rpartition(" ")[0])
     x, y = (1.0 - PLACE) * path.strand_start[strand] + PLACE * path.strand_end[strand]
     return probe_signals(trajectory, (x, y), 3.0 * drive.chain.pitch).displacement
