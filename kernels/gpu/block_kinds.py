@@ -70,6 +70,7 @@ class Parts:
     prescribed: int = 1  # angles, at least 1
     other_bodies: int = 0  # that are neither sprockets nor arms
     tabulated: int = 1  # 1: motions or loads have tables
+    tied: int = 0  # 1: some bodies are tied (`structs.Drive.tied`)
     geared: int = 0  # 1: bodies are tied by gears or couplings
     hubs: int = 0  # 1: arms carry sprockets, or bearings rub; 2: arms carry arms
     crowded_arms: int = 0  # 1: an arm carries a guide beside a sprocket or another guide
@@ -85,8 +86,8 @@ class Parts:
 
     @property
     def is_tied(self) -> bool:
-        """Whether bodies are tied (`structs.Drive.tied`), by shafts, gears, couplings or valves, or several chains."""
-        return bool(self.other_bodies or self.geared or self.valves) or self.chains > 1
+        """Whether bodies are tied, or turn with those of other chains."""
+        return bool(self.tied) or self.chains > 1
 
     @property
     def jointed(self) -> bool:

@@ -59,7 +59,9 @@ FORMS = {
     "moving": partial(measuring, 4, FEW, Parts(2, 1), moving=True),
     "few": partial(measuring, 4, FEW, Parts(2, 1)),
     "rk4, bending": partial(measuring, 8, WARPS, Parts(2, 1), frame=frame_with_channels(CHANNEL_NAMES), **BENDING),
-    "several chains": partial(measuring, 8, BlockShape(32, 5), Parts(4, 2, arms=1, tensioners=1, geared=1, chains=2)),
+    "several chains": partial(
+        measuring, 8, BlockShape(32, 5), Parts(4, 2, arms=1, tensioners=1, tied=1, geared=1, chains=2)
+    ),
     "relax": lambda real: block_relax_kernel(BlockKind(real, FEW, Parts(2, 1)), 4),
 }
 CASES = [*product([75, 90], FORMS, ["float64", "float32"])]

@@ -527,7 +527,7 @@ LOOPS = {
     "tables, profiles": kind(WARPS, Parts(2, 2), profiles=True, friction=Friction(BY_SPEED)),
     "arm, moving": kind(WARPS, ON_ARM, moving=True, profiles=True),
     "pushed, rk4": kind(WARPS, Parts(2, 0, tensioners=1), integrator=1, moving=True),
-    "shafts": kind(WARPS, Parts(2, 0, other_bodies=3, geared=1)),
+    "shafts": kind(WARPS, Parts(2, 0, other_bodies=3, tied=1, geared=1)),
 }
 """Each has what others lack; together they have all that drives may have."""
 
