@@ -175,6 +175,7 @@ def available_cores() -> int:
     return os.cpu_count() or 1
 
 
+@np.errstate(over="ignore")  # more steps than a number holds are refused
 def schedules_of(
     drives: Sequence[Drive],
     duration: float | None,
