@@ -157,23 +157,25 @@ def part_of_body(drive: Any, b: int) -> Any:
 
 
 def driving_body(drive: Any) -> int:
-    """Number of the driving body: the first prescribed, else with a motor, else started.
+    """Number of the driving body: the first prescribed, else with a motor, else started, else loaded.
 
     Bodies tied to a chain come first.
     """
     parts: Sequence[Any] = (*drive.sprockets, *drive.shafts)
-    keys = ("prescribed", "motor", "initial_speed", "load")
+    keys = (*DRIVING_KEYS, "load")
     driving = [b for key in keys for b, part in enumerate(parts) if getattr(part, key, None) is not None]
     return next((b for b in driving if nearest_sprocket(drive, b) is not None), (driving or [0])[0])
 
 
 def driving_sprocket(drive: Any) -> int:
-    """Index of the sprocket nearest to the driving body."""
+    """Index of the driving sprocket: the first prescribed, or the nearest to the driving body."""
     return nearest_sprocket(drive, driving_body(drive)) or 0
 
 
 def nearest_sprocket(drive: Any, body: int) -> int | None:
     """Index of the sprocket nearest to a body; None without one."""
+    if body < len(drive.sprockets):
+        return body
     seen = [body]
     edges = sorted(body_ties(drive), key=lambda tie: tie.kind == "couplings")
     for b in seen:

@@ -42,7 +42,7 @@ from warpchain.drive.paths import changed_part, settable_paths, value_at_path
 from warpchain.drive.run_settings import Probe, RunSettings
 from warpchain.drive.schema import Allowed, Part, Problem, Rule, node_list, node_value
 from warpchain.drive.shafts import Coupling, Gear, Shaft
-from warpchain.drive.sprocket import Sprocket
+from warpchain.drive.sprocket import Sprocket, strand_names
 from warpchain.drive.sprocket_teeth import is_catching, pitch_radius, sprocket_tooth
 from warpchain.drive.tensioners import Tensioner
 from warpchain.drive.thermal import (
@@ -236,17 +236,14 @@ class Drive(Part):
     @property
     def driver(self) -> int:
         """Index of the driving sprocket: the first prescribed, or nearest to the driving body."""
-        prescribed = (s for s, sprocket in enumerate(self.sprockets) if sprocket.prescribed is not None)
-        first = next(prescribed, None)
-        return driving_sprocket(self) if first is None else first
+        return driving_sprocket(self)
 
     @property
     def strand_names(self) -> tuple[str, ...]:
         """Names (S,) "FROM->TO" of strands; of several chains "CHAIN.FROM->TO"."""
         found: list[str] = []
         for prefix, (_, sprockets) in zip(self.chain_prefixes, self.sprockets_by_chain, strict=True):
-            names = [sprocket.name for sprocket in sprockets]
-            found += (f"{prefix}{a}->{b}" for a, b in zip(names, names[1:] + names[:1], strict=True))
+            found += (f"{prefix}{name}" for name in strand_names(sprockets))
         return tuple(found)
 
     @classmethod

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Annotated, Any, ClassVar, Literal
 
 from pydantic import Field
@@ -314,3 +314,9 @@ class Sprocket(Part):
             yield Problem(("balance_wheel",), None, 'not together with mount kind "arm"', BARE)
         if node_value(node, "bearing") is not None and node_value(node, "prescribed") is not None:
             yield Problem(("bearing",), None, "not together with prescribed, whose motion nothing disturbs", BARE)
+
+
+def strand_names(sprockets: Sequence[Sprocket]) -> tuple[str, ...]:
+    """Names (S,) "FROM->TO" of the strands that leave each of a chain's sprockets (S,)."""
+    names = [sprocket.name for sprocket in sprockets]
+    return tuple(f"{a}->{b}" for a, b in zip(names, names[1:] + names[:1], strict=True))

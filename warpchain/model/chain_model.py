@@ -16,7 +16,7 @@ from warpchain.drive.guides import Guide, guide_profile
 from warpchain.drive.motion_table import PlaceTable
 from warpchain.drive.run_settings import Probe, RunSettings
 from warpchain.drive.shafts import Coupling, Gear, Shaft
-from warpchain.drive.sprocket import ArmMount, Sprocket
+from warpchain.drive.sprocket import ArmMount, Sprocket, strand_names
 from warpchain.drive.sprocket_teeth import is_catching, pitch_radius, sprocket_tooth, tooth_pitch
 from warpchain.drive.stack_math import arcsin, hypot, maximum, power, sqrt, where
 from warpchain.drive.stiffness import contact_stiffness
@@ -63,9 +63,7 @@ class ChainModel:
     @property
     def driver(self) -> int:
         """Index of the driving sprocket."""
-        prescribed = (s for s, sprocket in enumerate(self.sprockets) if sprocket.prescribed is not None)
-        first = next(prescribed, None)
-        return driving_sprocket(self) if first is None else first
+        return driving_sprocket(self)
 
     @property
     def driver_speed(self) -> Any:
@@ -86,8 +84,7 @@ class ChainModel:
     @property
     def strand_names(self) -> tuple[str, ...]:
         """Names (S,) "FROM->TO" of strands."""
-        names = [sprocket.name for sprocket in self.sprockets]
-        return tuple(f"{a}->{b}" for a, b in zip(names, names[1:] + names[:1], strict=True))
+        return strand_names(self.sprockets)
 
     @property
     def first_arm_body(self) -> int:
@@ -117,7 +114,7 @@ class ChainModel:
         return where(inner == outer, alone, maximum(self.pitch_radius(s), over_both / (2.0 * math.sin(2.0 * half))))
 
     def riding_lean(self, s: int) -> float:
-        """Angle by which outer links reach beyond a sprocket's teeth [rad]."""
+        """Angle by which outer links reach beyond a tooth at either end, and inner ones fall short [rad]."""
         if self.chain.outer is None:
             return 0.0
         inner, outer = self.chain.pulled_pair
@@ -148,7 +145,7 @@ class ChainModel:
         return tuple(s for s, sprocket in of if is_catching(sprocket, self.chain, self.tooth(s)))
 
     def guide_contact(self, g: int) -> GuideContact:
-        """Contact settings of a guide."""
+        """Contact settings of a guide: the common ones, its own over them."""
         common, own = self.contact.guide, self.guides[g].contact
         assert common is not None  # the drive's own rule
         return common if own is None else GuideContact.model_construct(**merged_contact_values(common, own))
@@ -165,11 +162,11 @@ class ChainModel:
         return self.chain.roller_radius if own is None else own
 
     def arm_index(self, name: str) -> int | None:
-        """Index of a named arm."""
+        """Index of an arm by its name; None without one."""
         return next((a for a, arm in enumerate(self.arms) if arm.name == name), None)
 
     def arm_of(self, g: int) -> int | None:
-        """Index of a guide's arm."""
+        """Index of the arm that carries a guide; None on the ground."""
         name = self.guides[g].arm
         return None if name is None else self.arm_index(name)
 
@@ -177,12 +174,12 @@ class ChainModel:
         return tuple(g for g, guide in enumerate(self.guides) if guide.arm == self.arms[a].name)
 
     def carrier(self, s: int) -> int | None:
-        """Index of a sprocket's arm."""
+        """Index of the arm that carries a sprocket; None where none does."""
         mount = self.sprockets[s].mount
         return self.arm_index(mount.arm) if isinstance(mount, ArmMount) else None
 
     def parent(self, a: int) -> int | None:
-        """Index of the arm below an arm."""
+        """Index of the arm that carries an arm; None on the ground."""
         name = self.arms[a].arm
         return None if name is None else self.arm_index(name)
 
@@ -190,7 +187,7 @@ class ChainModel:
         return tuple(k for k, arm in enumerate(self.arms) if arm.arm == self.arms[a].name)
 
     def masses_on(self, a: int) -> list[tuple[float, tuple[float, float]]]:
-        """Masses [kg] and places of an arm and its load [m]."""
+        """Masses [kg] and places [m], as drawn, of an arm, sprockets on it and, at their pivots, arms on it."""
         arm, carried = self.arms[a], (self.sprockets[s] for s in self.sprockets_on(a))
         found = [(arm.mass, arm.center), *((s.mass, s.center) for s in carried if s.mass is not None)]
         return found + [(sum(mass for mass, _ in self.masses_on(k)), self.arms[k].pivot) for k in self.arms_on(a)]
@@ -209,7 +206,10 @@ class ChainModel:
         return hypot(x - px, y - py)
 
     def arm_lever(self, a: int) -> float:
-        """Largest distance of an arm's chain from its pivot [m]."""
+        """Largest distance of guided chain and carried sprockets' centers from an arm's pivot [m].
+
+        Of an arm that carries neither, that of its center of mass, or else a pitch.
+        """
         px, py = self.arms[a].pivot
         faces = [self.profile(g).points(self.chain.pitch, caps=False).tolist() for g in self.guides_of(a)]
         reach = maximum(0.0, *(hypot(px - x, py - y) for face in faces for x, y in face))
@@ -226,7 +226,7 @@ class ChainModel:
         return stop_damping(self.arms[a], self.stop_stiffness(a))
 
     def arm_inertia(self, a: int) -> float:
-        """Inertia of an arm with its load [kg m^2]."""
+        """Inertia of an arm about its pivot, with its plungers and the masses of sprockets and arms on it [kg m^2]."""
         body, (px, py) = self.first_arm_body + a, self.arms[a].pivot
         carried = 0.0
         for s in self.sprockets_on(a):

@@ -1,4 +1,4 @@
-"""Sprockets that turn as another chain's."""
+"""Sprockets that belong to two chains' models: the one that leads a chain, and a shaft that stands for one."""
 
 from __future__ import annotations
 
@@ -8,13 +8,13 @@ from warpchain.drive.sprocket import Load, Prescribed, Sprocket
 
 
 class LedSprocket(Sprocket):
-    """Leading sprocket of a chain, turned by another chain.
+    """Sprocket that leads a chain without a prescribed one, as another chain turns its shaft.
 
-    Prescribed but in a run.
+    It counts as prescribed at the speed that the ratios give; in a run its angle is free.
 
     Attributes:
-        driver: motion of the drive's driver.
-        start_ratio: forward start speed over the driver's [-].
+        driver: motion of the drive's driver at the start.
+        start_ratio: forward speed at the start over the driver's, by the radii at which rollers ride [-].
     """
 
     driver: Prescribed
@@ -22,12 +22,12 @@ class LedSprocket(Sprocket):
 
 
 class SprocketShaft(Shaft):
-    """Sprocket of another chain as a home chain's shaft.
+    """Shaft in a chain's model that stands for a sprocket of another chain.
 
     Attributes:
-        shaft: that it turns with.
-        demand: load with that of its chain.
-        driven_inertia: inertia with its chain's [kg m^2].
+        shaft: name of the shaft that the sprocket turns with.
+        demand: the sprocket's load with the loads that its chain turns.
+        driven_inertia: inertia that its chain turns, with the chain's own [kg m^2].
     """
 
     shaft: Name | None = None
