@@ -208,12 +208,12 @@ class Chain(Part):
 
     @property
     def outer_damping(self) -> float:
-        """Damping of an outer link [N s/m]."""
+        """Damping of an outer link [N s/m]; a damping ratio is that of inner ones."""
         return self.link_damping if self.outer is None or self.outer.damping is None else self.outer.damping
 
     @property
     def mean_stiffness(self) -> float:
-        """Mean stiffness of a link [N/m]."""
+        """Stiffness of like links that make as stiff a chain [N/m]."""
         if self.outer is None:
             return self.stiffness
         series: float = 2.0 / (1.0 / self.stiffness + 1.0 / self.outer_stiffness)

@@ -62,7 +62,7 @@ class ChainModel:
 
     @property
     def driver(self) -> int:
-        """Index of the driving sprocket."""
+        """Index of the driving sprocket: the first prescribed, or the nearest to the driving body."""
         return driving_sprocket(self)
 
     @property
@@ -100,7 +100,7 @@ class ChainModel:
         return pitch_radius(self.sprockets[s], self.chain)
 
     def riding_radius(self, s: int) -> float:
-        """Radius at which rollers ride on a sprocket [m].
+        """Radius at which rollers ride on a sprocket [m]: in their seats, or on the flanks where links are longer.
 
         Links of length l ride at l / (2 sin(pi/z)); unlike ones l, l', with a = 4 pi/z, at sqrt(l^2 + l'^2 + 2 l l'
         cos(a/2)) / (2 sin(a/2)).
@@ -123,7 +123,7 @@ class ChainModel:
         return where((inner == outer) | (radius <= self.pitch_radius(s)), 0.0, lean)
 
     def tooth(self, s: int) -> Tooth:
-        """Tooth gap of a sprocket."""
+        """Tooth gap of a sprocket: its own, the contact's, or ISO 606's."""
         return sprocket_tooth(self.sprockets[s], self.chain, self.contact.sprocket)
 
     def seat_angle(self, s: int) -> float:
@@ -135,12 +135,12 @@ class ChainModel:
         return self.tooth(s).tip_radius
 
     def engagement(self, s: int) -> float:
-        """Height over a sprocket's pitch circle within which it keeps rollers [m]."""
+        """Height over a sprocket's pitch circle within which it keeps rollers [m]: half a pitch, or to the tips."""
         reach = self.tip_radius(s) + self.chain.roller_radius - self.pitch_radius(s)
         return maximum(0.5 * self.chain.pitch, reach)
 
     def catching_sprockets(self) -> tuple[int, ...]:
-        """Indices of sprockets that catch rollers."""
+        """Indices of sprockets whose straight flanks catch a strand's rollers."""
         of = enumerate(self.sprockets)
         return tuple(s for s, sprocket in of if is_catching(sprocket, self.chain, self.tooth(s)))
 
@@ -157,7 +157,7 @@ class ChainModel:
         return profile
 
     def guide_offset(self, g: int) -> float:
-        """Height of touching rollers over a guide's face [m]."""
+        """Height of touching rollers over a guide's face [m]: its own, or the rollers' radius."""
         own = self.guides[g].offset
         return self.chain.roller_radius if own is None else own
 
@@ -253,7 +253,7 @@ class ChainModel:
         return (x - px) * dy - (y - py) * dx
 
     def tensioner_body(self, t: int) -> int:
-        """Number of a tensioner's body."""
+        """Number of the body that a tensioner pushes: a sprocket's, or an arm's from `first_arm_body` on."""
         name = self.tensioners[t].on
         arm = self.arm_index(name)
         if arm is not None:

@@ -27,7 +27,7 @@ def chain_part_places(drive: Any, name: str) -> dict[str, tuple[int, ...]]:
 
 
 def chain_of_arm(drive: Any, arm: Arm) -> str | None:
-    """Name of the chain of an arm's parts."""
+    """Name of an arm's chain: that of what it carries, of arms on it or below it; else the first."""
     first = arm.arm or arm.name
     row = {first} | {other.name for other in drive.arms if other.arm == first}
     guides = [guide.chain for guide in drive.guides if guide.arm in row]

@@ -70,7 +70,7 @@ class Model:
 
     @property
     def shared_bodies(self) -> list[tuple[ChainBody, ChainBody]]:
-        """Pairs of bodies that are one, home chain first."""
+        """Pairs of bodies that are one: the shaft of the home chain, and the sprocket in another."""
         sprockets = {of.name: (r, k) for r, chain in enumerate(self.chains) for k, of in enumerate(chain.sprockets)}
         return [
             ((r, b), sprockets[shaft.name])
@@ -80,7 +80,7 @@ class Model:
         ]
 
     def speed_ratio(self, b: int, other: int) -> float:
-        """Forward speed of a body over another's."""
+        """Forward speed of a body over another's; 1 where nothing ties them."""
         found, _ = ratios_with_chains(self.drive)
         return abs(float(found.ratio[b] / found.ratio[other])) if found.root[b] == found.root[other] else 1.0
 

@@ -84,7 +84,7 @@ def has_active_mount(sprocket: Sprocket) -> bool:
 
 
 def wheel_mass(sprocket: Sprocket) -> float:
-    """Mass of a sprocket's balance wheel [kg]."""
+    """Mass of a balance wheel, not part of its sprocket's [kg]."""
     return sprocket.balance_wheel.mass if sprocket.balance_wheel is not None else 0.0
 
 
@@ -108,7 +108,7 @@ def mount_spring(sprocket: Sprocket) -> tuple[float, float]:
 
 
 def mount_frequencies(sprocket: Sprocket) -> tuple[float, ...]:
-    """Natural frequencies of a mount without chain [Hz]."""
+    """Natural frequencies of a mount without chain [Hz]: along x and y, or along the slider."""
     mount = sprocket.mount
     stiffness: tuple[float, ...] = mount.stiffness if isinstance(mount, ElasticMount) else ()
     if isinstance(mount, SliderMount):

@@ -66,7 +66,7 @@ def _jet_flow(area: float, drop: float, oil: Oil) -> float:
 
 
 def static_pressure(tensioner: Tensioner) -> Any:
-    """Absolute oil pressure at rest [Pa]."""
+    """Absolute oil pressure at rest [Pa]; the ambient one in a drained chamber or behind a closed check valve."""
     from warpchain.model.stacks import pick_variants, stack_arrays
 
     assert tensioner.oil is not None
@@ -114,7 +114,7 @@ def filling_time(tensioner: Tensioner) -> float:
 
 
 def static_force(tensioner: Tensioner, x: float = 0.0) -> Any:
-    """Force of a tensioner at rest [N] at an extension [m]."""
+    """Force of a tensioner at rest [N] at an extension x [m]: (P - P_0) A + preload - k x, not below 0."""
     push = tensioner.spring_preload - tensioner.spring_stiffness * x
     if tensioner.hydraulic:
         assert tensioner.oil is not None

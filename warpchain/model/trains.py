@@ -57,14 +57,14 @@ def inertia_behind_body(drive: Any, b: int) -> Any:
 
 
 def train_inertia(drive: Any, b: int) -> Any:
-    """Inertia of a body's whole train [kg m^2]."""
+    """Inertia of a body's whole train as the body sees it, sum rho^2 J / rho_b^2 [kg m^2]."""
     train = train_of_body(drive, b)
     parts = [r * r * inertia_of_body(drive, other) for other, r in zip(*train, strict=True)]
     return sum(parts[1:], parts[0])
 
 
 def prescribed_leader(drive: Any, b: int) -> tuple[int, float] | None:
-    """Prescribed body of a train, and the ratio to it."""
+    """Prescribed body of the train of body b, and b's speed over that body's; None where b is free."""
     for other, ratio in zip(*train_of_body(drive, b), strict=True):
         part = part_of_body(drive, other)
         if part.prescribed is not None and not isinstance(part, LedSprocket):
