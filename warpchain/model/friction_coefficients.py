@@ -54,6 +54,19 @@ def guide_friction_coefficients(model: ChainModel, g: int) -> FrictionCoefficien
     return friction_coefficients(law, _rolling_coefficient(model) if law.rolling else math.inf)
 
 
+def partner_friction_coefficients(model: ChainModel, index: int) -> FrictionCoefficients:
+    """Friction coefficients of rollers on a partner: sprockets, then guides."""
+    sprockets = len(model.sprockets)
+    if index < sprockets:
+        return tooth_friction_coefficients(model)
+    return guide_friction_coefficients(model, index - sprockets)
+
+
+def has_partner_friction(model: ChainModel, index: int) -> bool:
+    """Whether rollers rub on a partner: sprockets, then guides."""
+    return partner_friction_coefficients(model, index).has_friction
+
+
 def _rolling_coefficient(model: ChainModel) -> float:
     """Coefficient that a rolling roller transmits, mu_b r_b / R_r [-]."""
     joint, pin_radius = getattr(model.chain, "joint", None), getattr(model.chain, "pin_radius", None)

@@ -6,7 +6,7 @@ A new metric is a row here; one with a sum of its own, also a field in `kernels/
 
 from __future__ import annotations
 
-from collections.abc import Callable, Hashable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Hashable, Iterable, Sequence
 from dataclasses import dataclass
 from functools import cache
 from typing import TYPE_CHECKING, Any
@@ -15,13 +15,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from warpchain.model import Model
-from warpchain.model.friction_coefficients import guide_friction_coefficients, tooth_friction_coefficients
+from warpchain.model.friction_coefficients import has_partner_friction
 from warpchain.model.mounts import has_moving_center
 from warpchain.model.power_rating import size_rating
 from warpchain.model.stacks import Stack, stacks_of_drives
 from warpchain.model.trains import is_free_body
 from warpchain.results.metric_formulas import (
-    PART_PREFIXES,
+    Column,
     VariantValues,
     chamber_filling_time,
     contact_energy_per_revolution,
@@ -30,6 +30,7 @@ from warpchain.results.metric_formulas import (
     flow_of,
     impact_impulse,
     mean_of,
+    partner_names,
     peak_factor,
     rated_use,
     rms_of,
@@ -47,16 +48,20 @@ if TYPE_CHECKING:
     from warpchain.model import ChainModel
 
 
-@dataclass(frozen=True)
-class Column:
-    """Metric column: name, unit, title and formula."""
-
-    name: str  # its own, after that of its part and a dot: `camshaft.speed_mean`
-    unit: str  # SI, "1" for a count, ratio or flag
-    title: str
-    value: Callable[[Any], VariantValues] | None = None  # missing where there is none
-    kind: type = float
-    is_aside: bool = False  # whether studies analyze it only by name
+PART_PREFIXES: dict[str, Callable[[ChainModel], list[str]]] = {
+    "chain": lambda model: [""],
+    "strand": lambda model: [f"{name}." for name in model.strand_names],
+    "sprocket": lambda model: [f"{sprocket.name}." for sprocket in model.sprockets],
+    "partner": lambda model: [f"{name}." for name in partner_names(model)],
+    "arm": lambda model: [f"{arm.name}." for arm in model.arms],
+    "tensioner": lambda model: [f"{tensioner.name}." for tensioner in model.tensioners],
+    "shaft": lambda model: [f"{shaft.name}." for shaft in model.own_shafts],
+    "coupling": lambda model: [f"{coupling.name}." for coupling in model.couplings],
+    "gear": lambda model: [f"{gear.name}." for gear in model.gears],
+    "valve": lambda model: [f"{valves.name}." for valves in model.valves],
+    "probe": lambda model: [f"{probe.name}." for probe in model.probes],
+}
+"""Functions that give metric prefixes of a drive's parts."""
 
 
 @dataclass(frozen=True)
@@ -68,16 +73,6 @@ class MetricGroup:
     source: str = ""  # field of `kernels.structs.Sums`
     weight: Callable[[Any, VariantValues, VariantValues], VariantValues] = lambda sums, duration, rollers: duration
     applies_to: Callable[[ChainModel, int], bool] | None = None
-
-
-def has_partner_friction(model: ChainModel, index: int) -> bool:
-    """Whether rollers rub on the drive's sprocket or guide."""
-    sprockets = len(model.sprockets)
-    return (
-        tooth_friction_coefficients(model)
-        if index < sprockets
-        else guide_friction_coefficients(model, index - sprockets)
-    ).has_friction
 
 
 TENSION_QUANTILE_SHARES = {"q001": 0.001, "q01": 0.01, "q50": 0.5, "q99": 0.99, "q999": 0.999}
@@ -614,13 +609,15 @@ COLUMN_BY_NAME = {
 COLUMN_BY_NAME |= {c.name: c for c in MODE_METRICS}
 
 
-def groups_of_drive(model: ChainModel, blocks: GroupBlocks = ALL_METRICS) -> Iterator[tuple[str, int, MetricGroup]]:
+def groups_of_drive(model: ChainModel, blocks: GroupBlocks = ALL_METRICS) -> list[tuple[str, int, MetricGroup]]:
     """Metric groups of a drive, with prefix and index."""
-    for groups in blocks:
-        for index, prefix in enumerate(PART_PREFIXES[groups[0].part](model)):
-            for group in groups:
-                if group.applies_to is None or group.applies_to(model, index):
-                    yield prefix, index, group
+    return [
+        (prefix, index, group)
+        for groups in blocks
+        for index, prefix in enumerate(PART_PREFIXES[groups[0].part](model))
+        for group in groups
+        if group.applies_to is None or group.applies_to(model, index)
+    ]
 
 
 CHAIN_PARTS = ("chain", "strand")

@@ -12,7 +12,7 @@ With E the energy that contacts dissipate, n_d the driver's revolutions, n_s too
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -65,12 +65,29 @@ class ColumnValues(NamedTuple):
         return np.where(self.missing, value, self.values)
 
 
+@dataclass(frozen=True)
+class Column:
+    """Metric column: name, unit, title and formula."""
+
+    name: str  # its own, after that of its part and a dot: `camshaft.speed_mean`
+    unit: str  # SI, "1" for a count, ratio or flag
+    title: str
+    value: Callable[[Any], VariantValues] | None = None  # missing where there is none
+    kind: type = float
+    is_aside: bool = False  # whether studies analyze it only by name
+
+
 def column_of(value: VariantValues, missing: Any = False) -> ColumnValues:
     """Column of a metric formula's value, missing where the formula says so, or `missing` does."""
     if isinstance(value, ColumnValues):
         return ColumnValues(value.values, value.missing | missing)
     found = np.asarray(value)
     return ColumnValues(found, np.broadcast_to(missing, found.shape))
+
+
+def columns_of_formulas(columns: Iterable[Column], of: Any, missing: Any = False) -> dict[str, ColumnValues]:
+    """Columns by name from what their formulas take, missing where a formula says so, or `missing` does."""
+    return {column.name: column_of(column.value(of), missing) for column in columns if column.value}
 
 
 def mask_absent(given: ArrayLike, values: ArrayLike) -> ColumnValues:
@@ -96,22 +113,6 @@ def number_of_each_drive(
 def partner_names(model: ChainModel) -> list[str]:
     """Names of the sprockets, then guides, that rollers touch."""
     return [sprocket.name for sprocket in model.sprockets] + [guide.name for guide in model.guides]
-
-
-PART_PREFIXES: dict[str, Callable[[ChainModel], list[str]]] = {
-    "chain": lambda model: [""],
-    "strand": lambda model: [f"{name}." for name in model.strand_names],
-    "sprocket": lambda model: [f"{sprocket.name}." for sprocket in model.sprockets],
-    "partner": lambda model: [f"{name}." for name in partner_names(model)],
-    "arm": lambda model: [f"{arm.name}." for arm in model.arms],
-    "tensioner": lambda model: [f"{tensioner.name}." for tensioner in model.tensioners],
-    "shaft": lambda model: [f"{shaft.name}." for shaft in model.own_shafts],
-    "coupling": lambda model: [f"{coupling.name}." for coupling in model.couplings],
-    "gear": lambda model: [f"{gear.name}." for gear in model.gears],
-    "valve": lambda model: [f"{valves.name}." for valves in model.valves],
-    "probe": lambda model: [f"{probe.name}." for probe in model.probes],
-}
-"""Functions that give metric prefixes of a drive's parts."""
 
 
 @dataclass(frozen=True)

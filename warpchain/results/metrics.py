@@ -42,6 +42,7 @@ from warpchain.results.metric_formulas import (
     LazyFields,
     WindowSums,
     column_of,
+    columns_of_formulas,
     mask_absent,
     number_of_each_drive,
 )
@@ -175,7 +176,7 @@ def window_columns(ended: VariantEnds[ChainModel], sums: Mapping[str, Any]) -> C
     driver = ended.drives[0].driver
     teeth = ended.number_of_each(lambda model: model.sprockets[driver].teeth)
     turns = abs(sums["sprocket"]["speed"][:, driver]) * teeth / (2.0 * np.pi * links)
-    places = list(groups_of_drive(ended.drives[0], WINDOW_METRICS))
+    places = groups_of_drive(ended.drives[0], WINDOW_METRICS)
     found: dict[int, tuple[list[int], dict[str, ColumnValues]]] = {}
     for prefix, index, group in places:
         if id(group) not in found:
@@ -222,7 +223,7 @@ def _group_columns(
         counts, edges = sums["tension"]
         tension = (counts.sum(axis=1) if whole else rows_of(counts)), edges
     summed = WindowSums(rows, group.weight(rows, duration, links), batches, tension)
-    found = {c.name: column_of(c.value(summed), summed.weight == 0) for c in group.columns if c.value}
+    found = columns_of_formulas(group.columns, summed, summed.weight == 0)
     return {name: ColumnValues(*(of.reshape(-1, count) for of in both)) for name, both in found.items()}
 
 
@@ -282,7 +283,7 @@ def design_metric_columns(
     with np.errstate(all="ignore"):
         for prefix, index, group in groups_of_drive(models[0], DESIGN_METRICS):
             judged = DesignInputs(models, stacks, metrics, prefix, index)
-            columns |= {prefix + c.name: column_of(c.value(judged)) for c in group.columns if c.value}
+            columns |= {prefix + name: of for name, of in columns_of_formulas(group.columns, judged).items()}
     return columns
 
 
@@ -303,15 +304,13 @@ def metrics_of_variants(ended: VariantEnds[ChainModel], sums: Mapping[str, Any])
     model = ended.drives[0]
     with np.errstate(all="ignore"):
         columns = window_columns(ended, sums)
-        drifts = drift_means(ended, sums)
-        columns |= {c.name: column_of(c.value(drifts)) for c in STEADY_METRICS.columns if c.value}
-        balance = energy_balance(model, sums)
-        columns |= {c.name: column_of(c.value(balance)) for c in BALANCE_METRICS.columns if c.value}
+        columns |= columns_of_formulas(STEADY_METRICS.columns, drift_means(ended, sums))
+        columns |= columns_of_formulas(BALANCE_METRICS.columns, energy_balance(model, sums))
         known = run_columns(ended) | {STEP_KEY: column_of(ended.schedule_column("step"))} | columns
         columns |= design_metric_columns(ended.drives, known, ended.stacks)
     columns |= engaged_columns(ended)
     absent = ~ended.is_measured
-    columns = {name: column_of(values, absent) for name, values in columns.items()}
+    columns = {name: ColumnValues(of.values, of.missing | absent) for name, of in columns.items()}
     settled = {"settle_steps": ended.settled["steps"], "settle_residual": ended.settled["residual"]}
     if ended.settle_force is not None:
         settled["settle_force"] = ended.settle_force
@@ -335,9 +334,7 @@ def metrics_of_chains(prefixes: Sequence[str], parts: Sequence[ChainEnds]) -> Co
         balances.append(energy_balance(model, sums))
     with np.errstate(all="ignore"):
         whole = EnergyBalance(*(sum(getattr(b, field.name) for b in balances) for field in fields(EnergyBalance)))
-        for c in BALANCE_METRICS.columns:
-            if c.value:
-                columns[c.name] = mask_absent(measured, c.value(whole))
+        columns |= columns_of_formulas(BALANCE_METRICS.columns, whole, ~measured)
     steady = [columns[f"{prefix}steady"] for prefix in prefixes]
     unknown = np.any([of.missing for of in steady], axis=0)
     return columns | {"steady": mask_absent(~unknown, np.all([of.values for of in steady], axis=0))}

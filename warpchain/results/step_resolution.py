@@ -21,11 +21,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from warpchain.drive.stack_math import minimum
-from warpchain.model.friction_coefficients import (
-    friction_coefficients,
-    guide_friction_coefficients,
-    tooth_friction_coefficients,
-)
+from warpchain.model.friction_coefficients import friction_coefficients, partner_friction_coefficients
 from warpchain.results.metric_formulas import (
     STEP_KEY,
     ColumnValues,
@@ -52,13 +48,12 @@ def joint_give(of: DesignInputs) -> VariantValues:
     step = of.metrics[STEP_KEY].values
     stiffness = of.number_of_each(_softest_link_stiffness)
     inertias = of.roller_mass * of.number_of_each(lambda model: model.chain.pitch * model.chain.pitch) / 6.0
-    gives = np.zeros(len(of.models))
-    for name in of.models[0].strand_names:
-        strand = replace(of, prefix=f"{name}.")
-        moment = _joint_friction_moment(of, np.maximum(strand["tension_mean"], 0.0))
-        turned = moment * step * step / (BRISTLE_STIFFNESS * inertias)
-        swings = math.sqrt(2.0) * displacement_std(strand).filled(0.0)
-        gives = np.fmax(gives, math.pi**2 / 16.0 * stiffness * swings * turned)
+    strands = [replace(of, prefix=f"{name}.") for name in of.models[0].strand_names]
+    tensions = np.array([strand["tension_mean"] for strand in strands])
+    moments = _joint_friction_moment(of, np.maximum(tensions, 0.0))
+    turned = moments * step * step / (BRISTLE_STIFFNESS * inertias)
+    swings = math.sqrt(2.0) * np.array([displacement_std(strand).filled(0.0) for strand in strands])
+    gives = np.fmax.reduce(math.pi**2 / 16.0 * stiffness * swings * turned, axis=0, initial=0.0)
     tension = of["tension_q999"]
     return mask_absent(tension > 0.0, gives / np.where(tension > 0.0, tension, 1.0))
 
@@ -66,9 +61,8 @@ def joint_give(of: DesignInputs) -> VariantValues:
 def partner_resolution(of: DesignInputs) -> VariantValues:
     """Metric steps (V,) for friction to move rollers, (a)."""
     ways = of.roller_mass * of.number_of_each(lambda model: model.chain.pitch)
-    steps = _steps_of_force(
-        of, ways, of.number_of_each(lambda model: _partner_friction_coefficient(model, of.index)) * of["force_max"]
-    )
+    coefficients = of.number_of_each(lambda model: partner_friction_coefficients(model, of.index).larger_coefficient)
+    steps = _steps_of_force(of, ways, coefficients * of["force_max"])
     times = of.number_of_each(lambda model: _partner_ramp_time(model, of.index))
     ramped = mask_absent(times > 0.0, times / of.metrics[STEP_KEY].values)
     fewer = np.minimum(steps.filled(np.inf), ramped.filled(np.inf))
@@ -94,9 +88,9 @@ def _joint_friction_moment(of: DesignInputs, tension: VariantValues) -> VariantV
 
 def _joint_friction_arm(model: ChainModel) -> float:
     """Arm of a joint's friction, mu kappa r_p [m]."""
-    chain = model.chain
-    assert chain.joint is not None and chain.pin_radius is not None  # as the group's `where` has found
-    return friction_coefficients(chain.joint).larger_coefficient * chain.joint.factor * chain.pin_radius
+    joint, pin_radius = model.chain.joint, model.chain.pin_radius
+    assert joint is not None and pin_radius is not None  # as the group's `applies_to` has found
+    return friction_coefficients(joint).larger_coefficient * joint.factor * pin_radius
 
 
 def _tooth_bend_inertia(model: ChainModel) -> float:
@@ -108,14 +102,6 @@ def _tooth_bend_inertia(model: ChainModel) -> float:
 def _softest_link_stiffness(model: ChainModel) -> float:
     """Stiffness of the softest link [N/m]."""
     return minimum(model.chain.stiffness, model.chain.outer_stiffness)
-
-
-def _partner_friction_coefficient(model: ChainModel, index: int) -> float:
-    """Larger friction coefficient of rollers and a partner [-]."""
-    s = len(model.sprockets)
-    return (
-        tooth_friction_coefficients(model) if index < s else guide_friction_coefficients(model, index - s)
-    ).larger_coefficient
 
 
 def _partner_ramp_time(model: ChainModel, index: int) -> float:

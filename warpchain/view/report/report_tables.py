@@ -10,8 +10,7 @@ import numpy as np
 
 from warpchain.model import ChainModel
 from warpchain.results.engineering_report import EngineeringReport
-from warpchain.results.metric_columns import COLUMN_BY_NAME, SHAFT_SPEED_NAMES, column_of_metric
-from warpchain.results.metric_formulas import PART_PREFIXES
+from warpchain.results.metric_columns import COLUMN_BY_NAME, PART_PREFIXES, SHAFT_SPEED_NAMES, column_of_metric
 from warpchain.results.signals import opening_events, range_and_path
 from warpchain.results.units import display_unit_word
 from warpchain.results.window_statistics import ERROR_SUFFIX
