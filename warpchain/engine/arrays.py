@@ -368,6 +368,10 @@ class Engine(ABC):
         """Sets an engine's array, from values as of `fetch_array`."""
 
     @abstractmethod
+    def sums(self) -> dict[str, NDArray[Any]]:
+        """Sums of the window, by name."""
+
+    @abstractmethod
     def close(self) -> None:
         """Waits for what runs, and frees threads and memory."""
 
@@ -382,7 +386,3 @@ class Engine(ABC):
     def progress(self) -> NDArray[Any]:
         """Copy (variants,) of `structs.Progress`: next step, whether diverged."""
         return self.fetch_array("state", "progress")
-
-    def sums(self) -> dict[str, NDArray[Any]]:
-        """Sums of the window, by name."""
-        return {name: self.fetch_array("sums", name) for name in ARRAYS["sums"]}

@@ -10,7 +10,7 @@ import numpy as np
 import warp as wp
 from numpy.typing import NDArray
 
-from warpchain.engine.arrays import Engine, empty_sums, upload_ensemble, upload_state
+from warpchain.engine.arrays import ARRAYS, Engine, empty_sums, upload_ensemble, upload_state
 from warpchain.engine.packed_ensemble import PackedEnsemble, real_type
 from warpchain.kernels import relaxation
 from warpchain.kernels.cpu.advance import SCRATCH_ROWS, advance_kernel
@@ -94,6 +94,9 @@ class CpuEngine(Engine):
 
     def set_array(self, group: str, name: str, values: NDArray[Any]) -> None:
         getattr(self.changing_structs()[group], name).numpy()[: len(values)] = values
+
+    def sums(self) -> dict[str, NDArray[Any]]:
+        return {name: self.fetch_array("sums", name) for name in ARRAYS["sums"]}
 
     def frame_buffer(self, values: int) -> wp.array:
         return wp.empty(max(values, 1), dtype=self.packed.real, device="cpu")

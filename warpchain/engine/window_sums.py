@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from warpchain.engine.arrays import ARRAYS, DIMENSIONS, first_places
+from warpchain.engine.arrays import ARRAYS, first_places
 from warpchain.engine.packed_ensemble import PackedEnsemble, consecutive_places
 from warpchain.kernels.statistics import BATCHES, BINS, STEP, ZERO
 from warpchain.results.metric_formulas import LazyFields
@@ -33,10 +33,11 @@ def split_sums(sums: dict[str, Any], packed: PackedEnsemble, variants: NDArray[n
     "chain" (V,), "strand", "sprocket", "mount", "slip" (V, S), "contact" (V, S + G), "arm" (V, A), "tensioner" (V, T);
     "batches" and "parts" along a last axis, with lengths [s]; "tension", counts (V, S + 1, bins) and edges [N].
     """
-    drives, first = packed.drives[variants], first_places(packed.drives)
+    drives, places = packed.drives[variants], first_places(packed.drives)
     found = {}
     for name, row in ARRAYS["sums"].items():
-        begin, count = first[row.dimension][variants], int(DIMENSIONS[row.dimension].count(drives)[0])
+        first, v = places[row.dimension], variants[0]
+        begin, count = first[variants], int(first[v + 1] - first[v])
         values = sums[name] if row.width == 1 else sums[name].reshape(-1, row.width)
         found[name] = values[begin] if row.dimension == "variant" else _rows_by_variant(values, begin, count)
     _add_late_work(found, packed, drives[0])
