@@ -74,15 +74,17 @@ def nearest_strand(model: ChainModel, g: int, strands: Sequence[Line]) -> tuple[
     Heights are where rollers would ride, negative behind the face; None where no strand runs along it.
     """
     profile, offset = model.profile(g), model.guide_offset(g)
-    feet = [profile.at(profile.face_length * i / (_PLACES - 1)) for i in range(_PLACES)]
+    length = profile.face_length
+    feet = [profile.at(length * i / (_PLACES - 1)) for i in range(_PLACES)]
     rides = [(x - offset * math.sin(h), y + offset * math.cos(h)) for (x, y), h in feet]
     fx, fy = rides[-1][0] - rides[0][0], rides[-1][1] - rides[0][1]
+    span = quick_hypot(fx, fy)
     nearest: Any = math.inf
     found: tuple[int, bool, float] | None = None
     for k, ((sx, sy), (ex, ey)) in enumerate(strands):
         length = quick_hypot(ex - sx, ey - sy)
         ux, uy = (ex - sx) / length, (ey - sy) / length
-        cosine = (fx * ux + fy * uy) / quick_hypot(fx, fy)
+        cosine = (fx * ux + fy * uy) / span
         if shared_value(abs(cosine) < _ALONG):
             continue
         side = 1.0 if shared_value(cosine > 0.0) else -1.0

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from warpchain.assembly.assembly import Assembly, assemble_stack
 from warpchain.assembly.layout_checks import has_possible_faults, layout_faults
 from warpchain.assembly.path import results_in_parts
-from warpchain.drive.body_ties import body_ties, has_trains
+from warpchain.drive.body_ties import body_ties
 from warpchain.errors import DriveError
 from warpchain.model import ChainModel
 from warpchain.model.stacks import (
@@ -24,6 +24,7 @@ from warpchain.model.stacks import (
     stacks_of_drives,
     variant_count,
 )
+from warpchain.model.trains import has_trains
 
 Places = NDArray[np.int64]
 

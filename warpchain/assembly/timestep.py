@@ -145,9 +145,9 @@ def _coupling_bodies(model: ChainModel) -> list[MovingBody]:
 
 def _valve_bodies(model: ChainModel) -> list[MovingBody]:
     """Valve springs on bodies that turn freely."""
-    found, names = [], body_names(model)
+    found = []
     for valves in model.valves:
-        b = names.index(valves.on)
+        b = body_names(model).index(valves.on)
         if is_free_body(model, b):
             stiffness = valves.torsional_stiffness
             if b < len(model.sprockets):
@@ -164,11 +164,12 @@ def _on_shaft(name: str) -> str:
 
 def _shared_shaft(model: ChainModel, s: int) -> str | None:
     """Name of the shaft, or train's first body, that sprocket s shares with other chains; None for one chain."""
-    shaft, names = model.sprockets[s].shaft, body_names(model)
-    if shaft is not None and shaft not in names:
+    shaft = model.sprockets[s].shaft
+    if shaft is not None and shaft not in body_names(model):
         return shaft
     train = train_of_body(model, s).bodies
-    return names[train[0]] if any(isinstance(part_of_body(model, b), SprocketShaft) for b in train) else None
+    shared = any(isinstance(part_of_body(model, b), SprocketShaft) for b in train)
+    return body_names(model)[train[0]] if shared else None
 
 
 def _tensioner_pushes(model: ChainModel, body: int) -> tuple[float, float]:

@@ -52,11 +52,6 @@ class TiedRatios:
         return None
 
 
-def has_trains(drive: Any) -> bool:
-    """Whether a drive has shafts, gears or couplings."""
-    return any(node_list(drive, kind) for kind in ("shafts", "gears", "couplings"))
-
-
 def body_names(drive: Any) -> list[Any]:
     """Names of a drive's sprockets, then shafts."""
     return [node_value(part, "name") for kind in ("sprockets", "shafts") for part in node_list(drive, kind)]

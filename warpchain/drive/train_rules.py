@@ -12,7 +12,6 @@ from warpchain.drive.body_ties import (
     TiedRatios,
     body_names,
     body_ties,
-    has_trains,
     ratios_with_chains,
     rigid_ratios,
 )
@@ -40,7 +39,7 @@ def train_rules(drive: Any) -> Iterator[Problem]:
     """Problems of shafts, gears, couplings and motors."""
     several = bool(node_list(drive, "chains"))
     on_shafts = any(node_value(sprocket, "shaft") is not None for sprocket in node_list(drive, "sprockets"))
-    if not (several or on_shafts or has_trains(drive)):
+    if not (several or on_shafts or any(node_list(drive, kind) for kind in ("shafts", "gears", "couplings"))):
         return
     names = body_names(drive)
     yield from _known_shaft_rules(drive, [name for name in names if is_name(name)])

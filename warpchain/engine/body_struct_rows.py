@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from warpchain.assembly import Assembly
 from warpchain.assembly.guide_obstacles import rotated_place
 from warpchain.assembly.table_cells import TableList
-from warpchain.drive.body_ties import body_names, has_trains
+from warpchain.drive.body_ties import body_names
 from warpchain.drive.face_profile import Profile
 from warpchain.drive.motion_table import PlaceTable
 from warpchain.drive.stack_math import (
@@ -41,6 +41,7 @@ from warpchain.model.trains import (
     body_turning_sign,
     coupled_bodies,
     coupling_rest_angle,
+    has_trains,
     inertia_of_body,
     train_of_body,
 )

@@ -14,7 +14,6 @@ from warpchain.drive.body_ties import (
     body_names,
     body_ties,
     driving_body,
-    has_trains,
     nearest_sprocket,
     part_of_body,
     ratios_with_chains,
@@ -33,6 +32,11 @@ class Train(NamedTuple):
 
     bodies: tuple[int, ...]
     ratios: tuple[float, ...]
+
+
+def has_trains(drive: Any) -> bool:
+    """Whether a drive, or a model of its chain, has shafts, gears or couplings."""
+    return bool(drive.shafts or drive.gears or drive.couplings)
 
 
 def train_of_body(drive: Any, b: int) -> Train:
