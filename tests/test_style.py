@@ -22,6 +22,7 @@ MOST_LINES, MOST_ARGUMENTS = 80, 8
 LARGE = {
     # public calls whose arguments are named: each is an option that users set, and is described there
     ("warpchain/engine/simulation.py", "simulate"),
+    ("warpchain/engine/stepping.py", "stepping"),
     ("warpchain/study/run/runner.py", "run_study"),
     ("warpchain/view/rerun/run_playback.py", "view"),
 }

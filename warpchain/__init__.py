@@ -11,6 +11,7 @@ if TYPE_CHECKING:
     from warpchain.assembly import assemble
     from warpchain.drive import Drive, dumps_drive, load_drive, loads_drive
     from warpchain.engine.simulation import simulate
+    from warpchain.engine.stepping import stepping
     from warpchain.engine.tensioner_bench import bench_tensioner
     from warpchain.errors import WarpchainError
     from warpchain.modal import Modes, modes
@@ -43,6 +44,7 @@ _HOME = {
     "report": "view.report",
     "run_study": "study.run",
     "simulate": "engine.simulation",
+    "stepping": "engine.stepping",
     "write_archive": "archive",
 }
 
@@ -69,6 +71,7 @@ __all__ = [
     "report",
     "run_study",
     "simulate",
+    "stepping",
     "write_archive",
 ]
 

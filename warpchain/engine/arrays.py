@@ -7,7 +7,7 @@ steps an ensemble.
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from concurrent.futures import Future
 from dataclasses import dataclass
 from functools import cache
@@ -372,8 +372,30 @@ class Engine(ABC):
         """Sums of the window, by name."""
 
     @abstractmethod
+    def set_constants(self, name: str, values: NDArray[Any]) -> None:
+        """Sets an array of the ensemble's constant data, between launches, from values in the CPU's types."""
+
+    @abstractmethod
     def close(self) -> None:
         """Waits for what runs, and frees threads and memory."""
+
+    def take_steps(self, steps: int | NDArray[np.integer], frames: Any) -> None:
+        """Takes all rows, or each (rows,), so many steps on, frames going to `frames`, and waits for them."""
+        for future in self.advance(steps, frames):
+            future.result()
+
+    def copy_state(self) -> dict[tuple[str, str], NDArray[Any]]:
+        """Copies of all changing arrays, in the device's types."""
+        return {
+            (group, name): np.array(getattr(struct, name).numpy(), copy=True)
+            for group, struct in self.changing_structs().items()
+            for name in ARRAYS[group]
+        }
+
+    def restore_state(self, arrays: Mapping[tuple[str, str], NDArray[Any]]) -> None:
+        """Sets all changing arrays from copies of `copy_state`."""
+        for (group, name), values in arrays.items():
+            getattr(self.changing_structs()[group], name).assign(values)
 
     def rollers(self) -> NDArray[np.floating]:
         """Copy of the rollers' rows."""

@@ -18,6 +18,9 @@ from warpchain.kernels.cpu.relax import relax_kernel
 
 CAPACITIES = (264, 1048, 4120, 16408, 65560)
 """Row lengths of the CPU's scratch, each with a kernel."""
+STEPS_PARAMETER = 6
+"""Place of the number of steps among the parameters of the kernel "advance"."""
+
 SPARE_VALUES = 32
 """Spare values of a CPU scratch row, for whole lanes."""
 
@@ -49,6 +52,8 @@ class CpuEngine(Engine):
         self.state = upload_state(packed, "cpu")
         self.cpu_sums = empty_sums(packed, "cpu")
         self._settling: wp.array = wp.empty(0, dtype=relaxation.Settling, device="cpu")
+        self._progress = self.state.progress.numpy()
+        self._recorded: tuple[Any, wp.array, int] | None = None
 
     def _kernel(self, name: str) -> Any:
         """Compiled CPU kernel, loaded."""
@@ -58,24 +63,57 @@ class CpuEngine(Engine):
             self._kernels[name] = kernel
         return self._kernels[name]
 
-    def _launch(self, name: str, before: list[Any], after: list[Any]) -> list[Future[None]]:
-        """Launches a CPU kernel over all variants on the pool."""
-        kernel = self._kernel(name)
-        group = max(1, -(-self.variants // (8 * self.workers)))
+    def _launch(
+        self, name: str, before: list[Any], after: list[Any], begin: int = 0, end: int | None = None
+    ) -> list[Future[None]]:
+        """Launches a CPU kernel over variants from `begin` to `end`, by default all, on the pool."""
+        kernel, end = self._kernel(name), self.variants if end is None else end
+        group = max(1, -(-(end - begin) // (8 * self.workers)))
 
         def work(first: int) -> None:
             scratch = self._scratch.get()
             try:
-                count = min(group, self.variants - first)
+                count = min(group, end - first)
                 rows = scratch if name == "advance" else scratch[0]
                 wp.launch(kernel, dim=count, inputs=[*before, rows, first, *after], device="cpu", block_dim=1)
             finally:
                 self._scratch.put(scratch)
 
-        return [self._pool.submit(work, first) for first in range(0, self.variants, group)]
+        return [self._pool.submit(work, first) for first in range(begin, end, group)]
 
     def advance(self, steps: int, frames: wp.array) -> list[Future[None]]:
         return self._launch("advance", [self.ensemble, self.state, self.cpu_sums, frames], [steps])
+
+    def take_steps(self, steps: int | NDArray[np.integer], frames: wp.array) -> None:
+        if isinstance(steps, int):
+            if self.workers == 1 or self.variants == 1:
+                self._step_here(steps, frames)
+            else:
+                self._step_rows(0, self.variants, steps, frames)
+            return
+        begins = np.flatnonzero(np.append(True, steps[1:] != steps[:-1]))
+        for first, end in zip(begins.tolist(), [*begins[1:].tolist(), len(steps)], strict=True):
+            self._step_rows(first, end, int(steps[first]), frames)
+
+    def _step_rows(self, first: int, end: int, steps: int, frames: wp.array) -> None:
+        """Takes rows from `first` to `end` so many steps on, over the pool."""
+        before = [self.ensemble, self.state, self.cpu_sums, frames]
+        for future in self._launch("advance", before, [steps], first, end):
+            future.result()
+
+    def _step_here(self, steps: int, frames: wp.array) -> None:
+        """Takes all rows so many steps on in this thread, by a launch recorded before."""
+        if self._recorded is None or self._recorded[1] is not frames:
+            inputs = [self.ensemble, self.state, self.cpu_sums, frames, self._scratch.get(), 0, steps]
+            kernel = self._kernel("advance")
+            command = wp.launch(kernel, self.variants, inputs=inputs, device="cpu", block_dim=1, record_cmd=True)
+            self._recorded = command, frames, steps
+            self._scratch.put(inputs[4])
+        command, _, before = self._recorded
+        if steps != before:
+            command.set_param_at_index(STEPS_PARAMETER, steps)
+            self._recorded = command, frames, steps
+        command.launch()
 
     def start_settling(self, settling: NDArray[Any]) -> None:
         self._settling = wp.array(settling, dtype=relaxation.Settling, device="cpu")
@@ -97,6 +135,15 @@ class CpuEngine(Engine):
 
     def sums(self) -> dict[str, NDArray[Any]]:
         return {name: self.fetch_array("sums", name) for name in ARRAYS["sums"]}
+
+    def progress(self) -> NDArray[Any]:
+        return self._progress.copy()
+
+    def set_constants(self, name: str, values: NDArray[Any]) -> None:
+        held = getattr(self.ensemble, name).numpy()
+        if held.dtype == values.dtype and held.dtype.names:  # as bytes: field by field it takes ten times as long
+            held, values = (of.view(f"V{of.dtype.itemsize}") for of in (held, values))
+        held[: len(values)] = values
 
     def frame_buffer(self, values: int) -> wp.array:
         return wp.empty(max(values, 1), dtype=self.packed.real, device="cpu")

@@ -6,7 +6,7 @@ their own.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import AbstractContextManager, contextmanager
 from dataclasses import replace
@@ -308,6 +308,19 @@ class GpuEngine(GpuKernels, Engine):
         with self._explain_failures():
             with wp.ScopedStream(self.stream):
                 assign_values(getattr(self.changing_structs()[group], name), values)
+            wp.synchronize_stream(self.stream)
+        self._progress = self.fetch_array("state", "progress")
+
+    def set_constants(self, name: str, values: NDArray[Any]) -> None:
+        with self._explain_failures():
+            with wp.ScopedStream(self.stream):
+                assign_values(getattr(self.ensemble, name), values)
+            wp.synchronize_stream(self.stream)
+
+    def restore_state(self, arrays: Mapping[tuple[str, str], NDArray[Any]]) -> None:
+        with self._explain_failures():
+            with wp.ScopedStream(self.stream):
+                super().restore_state(arrays)
             wp.synchronize_stream(self.stream)
         self._progress = self.fetch_array("state", "progress")
 

@@ -79,6 +79,10 @@ class DeviceSettings:
     cores: int  # CPU threads
 
 
+SettledRows = tuple[NDArray[Any], NDArray[np.float64]]
+"""`Settling` (rows,), and the largest net force (rows,) that it left on a roller [N]."""
+
+
 @dataclass(frozen=True)
 class SubensembleResult:
     """Result of a subensemble: final states, metrics and trajectories."""
@@ -133,8 +137,34 @@ class Subensemble:
         stop: StopRequest,
     ) -> SubensembleResult:
         """Result of the subensemble, settled and stepped."""
+        packed = self.packed
+        settled = self.settle(settings, keeper, report, stop)
+        steps = launch_step_limit(
+            settings.device,
+            packed,
+            recorder.launch_step_limit(self.launch_steps(settings.device), launch_frame_bytes(settings.device)),
+        )
+        buffer_values = recorder.lay_out_buffer(steps)
+        engine = make_engine(settings.device, packed.at_precision(settings.precision), settings.cores)
+        try:
+            if keeper is not None:
+                keeper.restore_states(engine)
+            _launch_all_steps(engine, steps, buffer_values, recorder, report, stop, keeper)
+            at = time.monotonic()
+            ended, blocks = self.outcome(engine, settled)
+            return SubensembleResult(ended, blocks, recorder.kept_trajectories(), at)
+        finally:
+            engine.close()
+
+    def launch_steps(self, device: str) -> int:
+        """Most steps of a launch on a device."""
+        return launch_step_limit(device, self.packed, max(1, LAUNCH_WORK // int(self.packed.drives["rollers"].max())))
+
+    def settle(
+        self, settings: DeviceSettings, keeper: StateKeeper | None, report: ProgressReport, stop: StopRequest
+    ) -> SettledRows:
+        """Settles the packed variants, once the run's kernels are there, and perturbs them."""
         models, stacks, packed = self.rows.models, self.rows.stacks, self.packed
-        steps = launch_step_limit(settings.device, packed, max(1, LAUNCH_WORK // int(packed.drives["rollers"].max())))
         settling, of = (models, stacks) if keeper is None else (keeper.drives_to_settle(), None)
 
         def settle_on(futures: list[Future[None]], done: Callable[[], tuple[float, float]]) -> bool:
@@ -144,43 +174,44 @@ class Subensemble:
         settles = any(of.run.settle for of in settling)
         with load_run_kernels(settings.device, packed, settings.precision, settles, settings.cores, report, stop):
             scatter_in_gaps(packed, models)
+            steps = self.launch_steps(settings.device)
             settled = settle_variants(packed, settling, settings.device, settings.cores, steps, settle_on, of)
         left = largest_net_forces(packed, settled["residual"])
         perturb_rollers(packed, models)
         if keeper is not None:
             keeper.take_over_settling(packed, settled, left)
-        steps = launch_step_limit(
-            settings.device, packed, recorder.launch_step_limit(steps, launch_frame_bytes(settings.device))
+        return settled, left
+
+    def outcome(
+        self, engine: Engine, settling: SettledRows, stored: NDArray[np.float64] | None = None
+    ) -> tuple[VariantEnds[Drive], Callable[[], ColumnBlocks]]:
+        """Final states of the variants, and what gives their metrics.
+
+        Args:
+            stored: (rows,) energy [J] that something else than a drive's parts has stored in the window, or None.
+        """
+        models, stacks = self.rows.models, self.rows.stacks
+        state, (settled, left) = engine.progress(), settling
+        diverged = state["diverged"] != 0
+        rows = VariantEnds(
+            models,
+            self.rows.schedules_by_row(self.variants.schedules),
+            state["step"],
+            diverged,
+            settled,
+            engaged_fractions(engine, models, stacks),
+            self.row_layout_faults,
+            left,
+            divergence_causes(engine, models, diverged),
+            stacks,
         )
-        buffer_values = recorder.lay_out_buffer(steps)
-        engine = make_engine(settings.device, packed.at_precision(settings.precision), settings.cores)
-        try:
-            if keeper is not None:
-                keeper.restore_states(engine)
-            _launch_all_steps(engine, steps, buffer_values, recorder, report, stop, keeper)
-            at = time.monotonic()
-            state = engine.progress()
-            diverged = state["diverged"] != 0
-            rows = VariantEnds(
-                models,
-                self.rows.schedules_by_row(self.variants.schedules),
-                state["step"],
-                diverged,
-                settled,
-                engaged_fractions(engine, models, stacks),
-                self.row_layout_faults,
-                left,
-                divergence_causes(engine, models, diverged),
-                stacks,
-            )
-            ended = self.rows.variant_ends(rows, self.variants.schedules, self.variants.stacks)
-            sums = engine.sums()
-            blocks = partial(
-                _metric_blocks, ended, rows, self.rows.first_rows, (sums, engine.packed), self.variants.numbers
-            )
-            return SubensembleResult(ended, blocks, recorder.kept_trajectories(), at)
-        finally:
-            engine.close()
+        ended = self.rows.variant_ends(rows, self.variants.schedules, self.variants.stacks)
+        sums = engine.sums()
+        if stored is not None:
+            sums["chain"]["energy_start"] += stored
+        return ended, partial(
+            _metric_blocks, ended, rows, self.rows.first_rows, (sums, engine.packed), self.variants.numbers
+        )
 
 
 def _metric_blocks(
