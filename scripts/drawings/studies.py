@@ -82,6 +82,7 @@ def pitch_elongation(results: Results) -> Figure:
     x, torque = 100.0 * results.values("elongation")[ok], 1e-3 * results.values("torque")[ok]
     title = f"Marine drive, tightener set to 48 kN at assembly; {int(ok.sum())} of {len(ok)} variants can be set"
     figure, axes = panel_column(3, 7.5, title, None)
+    figure.set_layout_engine("constrained")  # around the color bar of all panels
     group = np.clip(np.digitize(x, np.quantile(x, np.linspace(0.0, 1.0, 9))) - 1, 0, 7)
     columns = {
         "mean tension [kN]": 1e-3 * results.values("tension_mean"),

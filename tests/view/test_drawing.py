@@ -12,6 +12,7 @@ from chains import two_stages
 from command import refused
 from command import run as command
 from drives import example
+from matplotlib.backends.backend_agg import FigureCanvasAgg
 from waiting import wait_for
 
 from warpchain.assembly.arm_balance import chain_path
@@ -89,6 +90,40 @@ def test_labels_cover_neither_each_other_nor_sprockets(name):
         if not np.isclose(centers, text.xy, atol=5.0).all(axis=1).any():
             corners = np.array([[x, y] for x in np.linspace(box.x0, box.x1, 9) for y in (box.y0, box.y1)])
             assert not any(path.contains_points(corners).any() for path in teeth), text.get_text()
+
+
+@pytest.mark.parametrize("name", ["v6", "derailleur"])
+def test_labels_cover_no_line_of_the_drawing(name):
+    """Without its labels, the picture has nothing dark where they stand: of their boxes less a pixel all around."""
+    figure = drive_figure(example(name))
+    canvas = FigureCanvasAgg(figure)
+    axis = figure.axes[0]
+    boxes = [text.get_window_extent(canvas.get_renderer()).padded(-1.5).extents for text in axis.texts]
+    leaders = [line for line in axis.lines if line.get_linewidth() == 0.5]
+    for artist in (*axis.texts, *leaders):
+        artist.set_visible(False)
+    canvas.draw()
+    gray = np.asarray(canvas.buffer_rgba())[::-1, :, :3].min(axis=2)
+    assert len(boxes) > 8
+    for text, (left, low, right, top) in zip(axis.texts, np.round(boxes).astype(int), strict=True):
+        assert gray[low:top, left:right].min() > 200, text.get_text()
+
+
+def test_chains_have_colors_and_shafts_their_way_of_turning():
+    """Four chains: four colors, in lines, outlines and the legend; one arrow a shaft; one driver among the marks."""
+    drive = example("v6")
+    figure = drive_figure(drive)
+    words = [text.get_text() for text in figure.legends[0].get_texts()]
+    assert words == [*(chain.name for chain in Model(drive).chains), "driver", "driven"]
+    colors = [handle.get_color() for handle in figure.legends[0].legend_handles[:4]]
+    assert len(set(colors)) == 4
+    axis = figure.axes[0]
+    heads = [patch for patch in axis.patches if len(patch.get_xy()) == 4]
+    shafts = {tuple(np.round(sprocket.center, 6)) for sprocket in drive.sprockets}
+    assert len(heads) == len(shafts)
+    marked = [line.get_xydata()[0] for line in axis.lines if line.get_marker() == "o" and len(line.get_xdata()) == 1]
+    crank = 1e3 * np.array(drive.sprockets[drive.driver].center)
+    assert sum(np.allclose(at, crank) for at in marked) == 1
 
 
 def test_a_chain_that_does_not_fit_has_lengths_in_pitches():

@@ -12,6 +12,7 @@ from PIL import Image
 from warpchain import Record, dumps_drive, loads_drive, simulate, write_archive
 from warpchain.assembly.frequencies import excited_orders
 from warpchain.errors import ArchiveError, SimulationError
+from warpchain.results.strand_passing import strand_displacement
 from warpchain.view.figures.chain_figures import contact_angle_figure, link_tension_figure, strand_displacement_figure
 from warpchain.view.figures.drive_figure import drive_figure
 from warpchain.view.figures.figure_style import panel_column, panel_grid, save_figure
@@ -187,13 +188,37 @@ def test_the_drawing_holds_all_arrows_and_fills_its_page(name):
     assert unit == ("x [m]" if size < 20.0 else "x [mm]")
 
 
-def test_legends_stand_beside_the_data(run):
+def test_legends_stand_above_the_data_and_words_within_the_figure(run):
+    """A panel has four fifths of the width; its legend covers no curve, and no label ends at the figure's edge."""
     for figure in (strand_displacement_figure(run[0]), link_tension_figure(run[0], 0), contact_angle_figure(run[0])):
-        FigureCanvasAgg(figure).draw()
+        canvas = FigureCanvasAgg(figure)
+        canvas.draw()
         legends = [axis.get_legend() for axis in figure.axes if axis.get_legend()]
         assert legends
         for legend in legends:
-            assert legend.get_window_extent().x0 > legend.axes.get_window_extent().x1
+            assert legend.get_window_extent().y0 >= legend.axes.get_window_extent().y1 - 1.0
+        for axis in figure.axes:
+            assert axis.get_window_extent().width > 0.8 * figure.bbox.width
+            words = [axis.title, axis.xaxis.label, axis.yaxis.label, *axis.get_yticklabels()]
+            legend = axis.get_legend()
+            boxes = [text.get_window_extent() for text in words if text.get_text() and text.get_visible()]
+            for box in [*boxes, *([legend.get_window_extent()] if legend else [])]:
+                assert box.x0 > 0.0 and box.y0 > 0.0 and box.x1 < figure.bbox.x1 and box.y1 < figure.bbox.y1
+            ticks = [text.get_window_extent().x0 for text in axis.get_yticklabels() if text.get_text()]
+            assert axis.yaxis.label.get_window_extent().x1 <= min(ticks)
+
+
+def test_the_mean_of_a_strand_is_that_of_the_window(run):
+    """Over a window in which the displacement is its own number, the line lies there and has the window's ends."""
+    trajectory = dataclasses.replace(run[0], window=(0.02, 0.03))
+    axis = strand_displacement_figure(trajectory).axes[0]
+    (curve, mean) = axis.lines
+    inside = (trajectory.time > 0.02 - 1e-9) & (trajectory.time < 0.03 + 1e-9)
+    unit = 1e3 if "[mm]" in axis.get_ylabel() else 1e6
+    values = unit * strand_displacement(trajectory, 0)[inside]
+    assert mean.get_ydata() == pytest.approx([values.mean()] * 2)
+    assert list(mean.get_xdata()) == [0.02, 0.03] and "mean of 0.02 to 0.03 s" in mean.get_label()
+    assert len(curve.get_xdata()) > 10
 
 
 def test_curves_reach_from_edge_to_edge(run):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from itertools import groupby
 from typing import TYPE_CHECKING, Any
 
@@ -23,10 +24,13 @@ from warpchain.results.units import display_unit
 from warpchain.view.figures.figure_style import (
     LINE_COLORS,
     SPROCKET_COLORS,
+    Array,
+    draw_color_bar,
     draw_curve,
     draw_legend,
     draw_tooth_orders,
     panel_column,
+    set_log_scale,
     strand_label,
 )
 from warpchain.view.palette import tension_colormap, tension_scale_top
@@ -58,14 +62,23 @@ def strand_displacement_figure(trajectory: Trajectory) -> Figure:
     for k, (axis, name) in enumerate(zip(axes, names, strict=True)):
         values = strand_displacement(trajectory, k)
         unit, factor = display_unit("m", values)
-        mean = factor * float(np.nanmean(values)) if np.isfinite(values).any() else np.nan
         draw_curve(axis, trajectory.time, factor * values, color="tab:blue")
-        axis.axhline(mean, color="black", lw=0.8, ls="--", label=f"mean {mean:+.3g} {unit}")
+        draw_window_mean(axis, trajectory, factor * values, unit, "+.3g")
         axis.set_ylabel(f"displacement [{unit}]\n(left of travel +)")
         axis.set_title(strand_label(name), loc="left", fontsize=10)
         draw_legend(axis)
     axes[-1].set_xlabel("time [s]")
     return figure
+
+
+def draw_window_mean(axis: Any, trajectory: Trajectory, values: Any, unit: str, digits: str) -> None:
+    """Draws the mean of values (F,) over the metrics' window, the whole recording where it has none."""
+    time = trajectory.time
+    start, end = trajectory.window or (float(time[0]), float(time[-1]))
+    part = np.asarray(values)[(time >= start - 1e-12) & (time <= end + 1e-12)]
+    mean = float(np.nanmean(part)) if np.isfinite(part).any() else np.nan
+    words = f"mean of {start:.4g} to {end:.4g} s: {mean:{digits}} {unit}"
+    axis.plot((start, end), (mean, mean), color="black", lw=1.0, ls="--", label=words)
 
 
 def guide_force_figure(trajectory: Trajectory) -> Figure:
@@ -78,8 +91,7 @@ def guide_force_figure(trajectory: Trajectory) -> Figure:
         above, below = axes[2 * g : 2 * g + 2]
         unit, factor = display_unit("N", force)
         draw_curve(above, trajectory.time, factor * force, color="tab:red")
-        mean = factor * float(force.mean())
-        above.axhline(mean, color="black", lw=0.8, ls="--", label=f"mean {mean:.3g} {unit}")
+        draw_window_mean(above, trajectory, factor * force, unit, ".3g")
         above.set_ylabel(f"sum over rollers [{unit}]")
         above.set_title(guide.name, loc="left", fontsize=10)
         draw_legend(above)
@@ -140,7 +152,7 @@ def _shade_sprocket_spells(axis: Any, trajectory: Trajectory, roller: int) -> No
 def tension_waterfall_figure(trajectory: Trajectory, top: float | None = None) -> Figure:
     """Image figure of all links' tension over time, colors up to `top` [N]."""
     (tension,) = require_channels(trajectory, "tension")
-    figure, (axis,) = panel_column(1, 7.0, "Tension of all links over time", trajectory)
+    figure, (axis,) = panel_column(1, 7.0, "Tension of all links over time", trajectory, right=0.85)
     _, rows = peaks_over_time(tension, WATERFALL_ROWS)
     top = tension_scale_top([trajectory]) if top is None else top
     unit, factor = display_unit("N", top)
@@ -150,7 +162,7 @@ def tension_waterfall_figure(trajectory: Trajectory, top: float | None = None) -
     axis.grid(False)
     axis.set_xlabel("link number")
     axis.set_ylabel("time [s]")
-    figure.colorbar(image, ax=axis, label=f"link tension, maximum in each time bin [{unit}]", extend="both")
+    draw_color_bar(axis, image, f"link tension, maximum in each time bin [{unit}]", extend="both")
     return figure
 
 
@@ -166,13 +178,14 @@ def order_spectrum_figure(trajectory: Trajectory) -> Figure | None:
     for axis, (label, spectra) in zip(axes, groups.items(), strict=True):
         for k, one in enumerate(spectra):
             color = LINE_COLORS[k % len(LINE_COLORS)]
-            axis.semilogy(one.orders, one.amplitude, lw=0.8, color=color, label=strand_label(one.name))
+            axis.plot(one.orders, one.amplitude, lw=0.8, color=color, label=strand_label(one.name))
+        set_log_scale(axis)
         draw_tooth_orders(axis, driver.teeth)
         peak = max(float(one.amplitude.max()) for one in spectra)
         if peak > 0.0:
             axis.set_ylim(SPECTRUM_FLOOR * peak, 2.0 * peak)
         axis.set_xlim(0.0, (TOOTH_PASSINGS + 0.5) * driver.teeth)
-        axis.set_ylabel(f"amplitude of\n{label}")
+        axis.set_ylabel(f"amplitude of {label}")
         draw_legend(axis)
     axes[-1].set_xlabel(f"order [multiples of the revolutions of {driver.name}]")
     return figure
@@ -197,17 +210,16 @@ def contact_angle_figure(trajectory: Trajectory) -> Figure:
             ms=1.5,
             color="0.7",
             rasterized=True,
-            label="rollers at single frames, thinned out",
+            label="rollers at single frames",
         )
         low, high = -1.5 * np.degrees(found.pitch), np.degrees(found.wrap + 1.5 * found.pitch)
         edges = np.arange(low, high + ANGLE_BIN, ANGLE_BIN)
         at = np.digitize(angle, edges) - 1
         centers = 0.5 * (edges[:-1] + edges[1:])
-        top = 0.0
-        for label, share, color in (("median", 0.5, "tab:blue"), ("99th percentile", 0.99, "tab:red")):
-            held = [np.quantile(force[at == k], share) if (at == k).any() else np.nan for k in range(len(centers))]
-            axis.plot(centers, held, lw=1.2, color=color, label=label)
-            top = max(top, float(np.nanmax(held)) if len(angle) else 0.0)
+        held = _bin_quantiles(force, at, len(centers), (0.5, 0.99))
+        for label, values, color in zip(("median", "99th percentile"), held, ("tab:blue", "tab:red"), strict=True):
+            axis.plot(centers, values, lw=1.2, color=color, label=label)
+        top = float(np.nanmax(held)) if len(angle) else 0.0
         for edge, name in ((0.0, "chain reaches the sprocket"), (np.degrees(found.wrap), "chain leaves it")):
             axis.axvline(edge, color="black", lw=0.8, ls="--" if edge == 0.0 else ":", label=name)
         axis.set_xlim(low, high)
@@ -217,3 +229,13 @@ def contact_angle_figure(trajectory: Trajectory) -> Figure:
     draw_legend(axes[0])
     axes[-1].set_xlabel("angle since the roller reached the sprocket, in the direction of travel [degrees]")
     return figure
+
+
+def _bin_quantiles(values: Array, at: Any, bins: int, shares: Sequence[float]) -> Array:
+    """Quantiles (shares, bins) of the values in each bin, `at` their bins' numbers; nan where there are none."""
+    order = np.argsort(at, kind="stable")
+    ends = np.searchsorted(at[order], np.arange(bins + 1))
+    found = np.full((len(shares), bins), np.nan)
+    for k in np.flatnonzero(np.diff(ends)):
+        found[:, k] = np.quantile(values[order[ends[k] : ends[k + 1]]], shares)
+    return found

@@ -28,8 +28,8 @@ from warpchain.results.outlines import (
 )
 from warpchain.results.run import Trajectory, require_channels
 from warpchain.results.units import display_unit
-from warpchain.view.figures.figure_style import run_line
-from warpchain.view.figures.label_placement import move_labels
+from warpchain.view.figures.figure_style import CHAIN_COLORS, FIGURE_STYLE, LEGEND_SIZE, TICK_SIZE, run_line
+from warpchain.view.figures.label_placement import Label, place_labels
 from warpchain.view.palette import tension_colormap, tension_scale_top
 
 if TYPE_CHECKING:
@@ -37,7 +37,7 @@ if TYPE_CHECKING:
 
 Array = NDArray[np.floating]
 
-STEEL, CHAIN, RUBBER = "0.45", "tab:blue", "tab:brown"
+STEEL, RUBBER, ARROW = "0.45", "tab:brown", "0.45"
 PART_STYLES: dict[str, dict[str, Any]] = {
     "teeth": {"fc": "0.88", "ec": STEEL, "lw": 0.7, "zorder": 0},
     "guide": {"color": RUBBER, "lw": 3, "zorder": 2},
@@ -63,8 +63,6 @@ def drive_figure(
         DriveError: a drive whose chain has no path.
         SimulationError: a trajectory without positions.
     """
-    from warpchain.view.figures.plain_figure import PlainFigure
-
     arrows: list[Array] = []
     largest = 0.0
     if isinstance(of, Drive):
@@ -79,7 +77,8 @@ def drive_figure(
             _PosedChain(one.model, pose_at_frame(one, f), require_channels(one, "position")[0][f]) for one in each
         ]
         arrows, largest = _contact_force_arrows(each, f)
-    line = np.concatenate([chain.line for chain in chains])
+    lines = [chain.line for chain in chains]
+    line = np.concatenate(lines)
     reach = 0.12 * float(np.ptp(line, axis=0).max()) / largest if largest > 0.0 else 0.0
     parts = [
         [*teeth_parts(chain.model, chain.pose, 4), *guide_arm_tensioner_parts(chain.model, chain.pose)]
@@ -89,37 +88,96 @@ def drive_figure(
     points: list[Array] = [part.points for of_chain in parts for part in of_chain]
     points += [reached for of_chain in travel for reached in of_chain]
     low, high = _drawing_corners([line, *points, *(line + reach * force for force in arrows)])
-    span = high - low
-    unit, factor = display_unit("m", span)
-    figure = PlainFigure(figsize=_figure_size(float(span[1] / span[0]), size), layout="constrained")
-    axis = figure.subplots()
-    for chain, mine, reached in zip(chains, parts, travel, strict=True):
-        draw_parts(axis, chain.model, chain.pose, mine, factor)
+    unit, factor = display_unit("m", high - low)
+    tension = None if isinstance(of, Drive) or of.tension is None else of.tension[f]
+    colored = tension is not None
+    title = title.replace("At", "Forces on the chain at") if arrows else title
+    figure, axis = _drawing_figure(factor * low, factor * high, size, f"{title}\n{run_line(of)}", colored)
+    axis.set(xlabel=f"x [{unit}]", ylabel=f"y [{unit}]")
+    several = len(chains) > 1
+    labels: list[Label] = []
+    for chain, mine, reached, color in zip(chains, parts, travel, _chain_colors(len(chains)), strict=True):
+        named = draw_parts(axis, chain.model, chain.pose, mine, factor, color if several else None)
         if isinstance(of, Drive):
-            draw_dimensions(axis, chain.model, chain.pose, reached, factor)
-    lines = [chain.line for chain in chains]
-    if isinstance(of, Trajectory) and of.tension is not None:
-        draw_tension_chain(axis, lines, of.tension[f], tension_scale_top([of]) if top is None else top, factor)
-    else:
-        for loop in lines:
-            axis.plot(*factor * np.vstack([loop, loop[:1]]).T, color=CHAIN, lw=2, zorder=3)
+            draw_dimensions(axis, chain.model, chain.pose, reached, factor, named, color if several else None)
+        labels += named.values()
+        loop = factor * np.vstack([chain.line, chain.line[:1]])
+        if several or not colored:
+            axis.plot(*loop.T, color=color, lw=5.5 if colored else 2, zorder=2.9, label=chain.model.name or None)
+    if isinstance(of, Trajectory) and tension is not None:
+        draw_tension_chain(axis, lines, tension, tension_scale_top([of]) if top is None else top, factor)
+    draw_rotations(axis, of if isinstance(of, Drive) else of.drive, chains, factor)
     if arrows:
         draw_contact_arrows(axis, line, arrows, reach, factor)
         word, share = display_unit("N", largest)
         axis.plot([], [], " ", label=f"longest arrow {share * largest:.3g} {word}")
-        title = title.replace("At", "Forces on the chain at")
-        figure.legend(loc="outside lower center", ncols=1 if span[1] > span[0] else 3, fontsize=8, frameon=False)
-    axis.set(xlim=factor * np.array([low[0], high[0]]), ylim=factor * np.array([low[1], high[1]]), aspect="equal")
-    axis.set(xlabel=f"x [{unit}]", ylabel=f"y [{unit}]")
-    words = textwrap.fill(run_line(of), int(TITLE_LETTERS * figure.get_figwidth()))
-    axis.set_title(f"{title}\n{words}", fontsize=11)
-    if isinstance(of, Drive):
-        move_labels(axis, factor * np.concatenate([chain.pose.center for chain in chains]))
+    _draw_drawing_legend(figure, axis)
+    place_labels(axis, labels)
     return figure
+
+
+def _chain_colors(count: int) -> list[str]:
+    """A color for each of a drive's chains."""
+    return [CHAIN_COLORS[k % len(CHAIN_COLORS)] for k in range(count)]
+
+
+def _drawing_figure(low: Array, high: Array, size: float, title: str, has_bar: bool) -> tuple[Figure, Any]:
+    """An empty figure and its axes of equal scales, which show from corner to corner, `size` [in] the longer side."""
+    from matplotlib import rc_context
+
+    from warpchain.view.figures.plain_figure import PlainFigure
+
+    span = np.maximum(high - low, 1e-12)
+    inches = np.maximum(span * size / span.max(), LEAST_SIDE)
+    scale = float((span / inches).max())  # units an inch
+    middle, half = 0.5 * (low + high), 0.5 * scale * inches
+    letters = int(TITLE_LETTERS * (inches[0] + SIDES[0] + 0.3))
+    words = "\n".join(textwrap.fill(part, letters) for part in title.split("\n"))
+    left, right = SIDES[0], SIDES[1] if has_bar else 0.3
+    below, above = LEGEND_STRIP, 0.24 + 0.19 * (words.count("\n") + 1)
+    width, height = inches[0] + left + right, inches[1] + below + above
+    with rc_context(FIGURE_STYLE):
+        figure = PlainFigure(figsize=(width, height))
+        axis = figure.add_axes((left / width, below / height, inches[0] / width, inches[1] / height), aspect="equal")
+    axis.grid(False)
+    axis.tick_params(labelsize=TICK_SIZE)
+    axis.set(xlim=(middle[0] - half[0], middle[0] + half[0]), ylim=(middle[1] - half[1], middle[1] + half[1]))
+    axis.set_title(words, fontsize=11)
+    return figure, axis
+
+
+def _draw_drawing_legend(figure: Figure, axis: Any) -> None:
+    """Draws the legend of a drive's picture below it, in as many columns as its width holds."""
+    handles, words = axis.get_legend_handles_labels()
+    if not words:
+        return
+    width = figure.get_figwidth()
+    each = 0.45 + 0.0085 * LEGEND_SIZE * max(map(len, words))
+    columns = max(1, min(len(words), int(width / each)))
+    rows = -(-len(words) // columns)
+    extra = max(0.0, 0.18 * rows + 0.6 - LEGEND_STRIP)
+    if extra:
+        height = figure.get_figheight()
+        box = axis.get_position()
+        figure.set_figheight(height + extra)
+        for one in figure.axes:
+            box = one.get_position()
+            ends = [(end * height + extra) / (height + extra) for end in (box.y0, box.y1)]
+            one.set_position((box.x0, ends[0], box.width, ends[1] - ends[0]))
+    figure.legend(
+        handles, words, loc="lower center", bbox_to_anchor=(0.5, 0.0), ncols=columns, fontsize=LEGEND_SIZE,
+        frameon=False, borderaxespad=0.15, columnspacing=1.2, labelspacing=0.25,
+    )  # fmt: skip
 
 
 TITLE_LETTERS = 9.0
 """Letters of a drive picture's title in an inch of width."""
+SIDES = (0.8, 1.1)
+"""Room left of a drive's picture, and right of one with a color bar [in]."""
+LEGEND_STRIP = 0.85
+"""Room below a drive's picture, for its axis and two rows of its legend [in]."""
+LEAST_SIDE = np.array([3.2, 1.6])
+"""Least width and height of a drive's picture [in]."""
 
 
 class _PosedChain(NamedTuple):
@@ -136,27 +194,86 @@ def _chain_at_start(model: ChainModel) -> _PosedChain:
     return _PosedChain(model, pose_at_start(model, path), chain_outline(model, path))
 
 
-def draw_parts(axis: Any, model: ChainModel, pose: DrivePose, parts: list[OutlinePart], factor: float) -> None:
-    """Draws a drive's parts and names into a picture, `factor` units a meter."""
+def draw_parts(
+    axis: Any,
+    model: ChainModel,
+    pose: DrivePose,
+    parts: list[OutlinePart],
+    factor: float,
+    color: str | None = None,
+) -> dict[str, Label]:
+    """Draws a drive's parts and names into a picture, `factor` units a meter.
+
+    Args:
+        color: of the sprockets' outlines and names; None is that of steel, and black.
+
+    Returns:
+        The names' labels, by name.
+    """
     from matplotlib.patheffects import withStroke
 
     halo: Any = {"path_effects": [withStroke(linewidth=2.0, foreground="white")], "zorder": 5}
     middle = factor * float(np.mean(pose.center[:, 0]))
+    labels: dict[str, Label] = {}
     for part in parts:
         style, points = PART_STYLES[part.kind], factor * part.points
+        if part.kind == "teeth" and color is not None:
+            style = style | {"ec": color, "lw": 1.1}
         (axis.fill if "fc" in style else axis.plot)(*points.T, **style)
         below: Any = {"xytext": (0, -4), "textcoords": "offset points", "va": "top", "fontsize": 8, **halo}
         if part.kind == "guide":
             end = min(points[[0, -1]], key=lambda end: end[1])
             side = "left" if end[0] < middle else "right"  # inward
-            axis.annotate(part.name, end, color=RUBBER, ha=side, **below)
+            labels[part.name] = Label([axis.annotate(part.name, end, color=RUBBER, ha=side, **below)])
         elif part.kind == "housing":
-            axis.annotate(part.name, (points[:, 0].mean(), points[:, 1].min()), color=STEEL, ha="center", **below)
+            at = (points[:, 0].mean(), points[:, 1].min())
+            labels[part.name] = Label([axis.annotate(part.name, at, color=STEEL, ha="center", **below)])
     for arm in model.arms:
         axis.plot(*np.multiply(factor, arm.pivot), "o", color=STEEL, ms=5, zorder=2)
-    for sprocket, center in zip(model.sprockets, factor * pose.center, strict=True):
+    for s, (sprocket, center) in enumerate(zip(model.sprockets, factor * pose.center, strict=True)):
         below = {"xytext": (0, -TEXT_SPACE * text_count_at(axis, center)), "textcoords": "offset points"}
-        axis.annotate(sprocket.name, center, fontsize=9, ha="center", va="center", **below, **halo)
+        own = {"color": color or "black", "fontsize": 9, "ha": "center", "va": "center"}
+        text = axis.annotate(sprocket.name, center, **own, **below, **halo)
+        labels[sprocket.name] = Label([text], factor * model.pitch_radius(s))
+    return labels
+
+
+def draw_rotations(axis: Any, drive: Drive, chains: list[_PosedChain], factor: float) -> None:
+    """Draws each shaft's way of turning, and marks the driving sprocket and those with a load."""
+    sprockets = {
+        sprocket.name: (sprocket, factor * center, factor * chain.model.pitch_radius(s))
+        for chain in chains
+        for s, (sprocket, center) in enumerate(zip(chain.model.sprockets, chain.pose.center, strict=True))
+    }
+    driver = drive.sprockets[drive.driver].name
+    loaded = {shaft.name for shaft in drive.shafts if shaft.load is not None}
+    driven = {name for name, (part, *_) in sprockets.items() if part.load is not None or part.shaft in loaded}
+    driven = (driven or set(sprockets)) - {driver}
+    mark: Any = {"ms": 6.5, "color": "0.15", "zorder": 2.5}
+    turning: list[Array] = []
+    for name, (sprocket, center, _) in sprockets.items():
+        if not any(np.allclose(center, one) for one in turning):
+            turning.append(center)
+            least = min(radius for _, other, radius in sprockets.values() if np.allclose(center, other))
+            _draw_rotation(axis, center, 0.6 * least, sprocket.sign)
+        if name == driver:
+            axis.plot(*center, "o", **mark)
+        elif name in driven:
+            axis.plot(*center, "o", mfc="white", **mark)
+    axis.plot([], [], "o", label="driver", **mark)
+    if driven:
+        axis.plot([], [], "o", mfc="white", label="driven", **mark)
+
+
+def _draw_rotation(axis: Any, center: Array, radius: float, sign: float) -> None:
+    """Draws an arc with a head around a sprocket's center, counter-clockwise for a `sign` of +1."""
+    angle = math.radians(90.0) + sign * np.radians(np.linspace(-50.0, 50.0, 21))
+    arc = center + radius * np.stack([np.cos(angle), np.sin(angle)], axis=1)
+    axis.plot(*arc.T, color=ARROW, lw=1.1, zorder=1)
+    way, tip = np.diff(arc[-2:], axis=0)[0], arc[-1]
+    way = way / np.hypot(*way)
+    across, size = np.array([-way[1], way[0]]), 0.22 * radius
+    axis.fill(*np.array([tip + size * way, tip + 0.6 * size * across, tip - 0.6 * size * across]).T, fc=ARROW, lw=0)
 
 
 def draw_tension_chain(axis: Any, chains: list[Array], tension: Array, top: float, factor: float) -> None:
@@ -169,7 +286,11 @@ def draw_tension_chain(axis: Any, chains: list[Array], tension: Array, top: floa
     chain = LineCollection(links, cmap=tension_colormap(), norm=Normalize(0.0, scale * top), lw=3, zorder=3)
     chain.set_array(scale * tension)
     axis.add_collection(chain)
-    axis.figure.colorbar(chain, ax=axis, label=f"link tension [{newton}]", shrink=0.6, extend="both")
+    place, width = axis.get_position(), axis.figure.get_figwidth()
+    box = (place.x1 + 0.18 / width, place.y0 + 0.15 * place.height, 0.18 / width, 0.7 * place.height)
+    bar = axis.figure.colorbar(chain, cax=axis.figure.add_axes(box), extend="both")
+    bar.set_label(f"link tension [{newton}]", fontsize=9.5)
+    bar.ax.tick_params(labelsize=TICK_SIZE)
 
 
 def draw_contact_arrows(axis: Any, position: Array, arrows: list[Array], reach: float, factor: float) -> None:
@@ -198,14 +319,8 @@ def _drawing_corners(lines: list[Array]) -> tuple[Array, Array]:
     points = np.concatenate(lines)
     points = points[np.isfinite(points).all(axis=1)]
     low, high = points.min(axis=0), points.max(axis=0)
-    room = 0.04 * float((high - low).max())
+    room = 0.07 * float((high - low).max())
     return low - room, high + room
-
-
-def _figure_size(tall: float, size: float) -> tuple[float, float]:
-    """Width and height [in] of a figure of a drawing `tall` times as high as wide."""
-    wide = float(np.clip(size / max(tall, 1e-9), 3.2, size + 0.5))
-    return wide + 1.7, min(wide * tall, size + 1.0) + (1.9 if tall > 1.0 else 1.4)
 
 
 TEXT_SPACE = 17.0
@@ -213,42 +328,50 @@ TEXT_SPACE = 17.0
 TRAVEL_STYLE: dict[str, Any] = {"color": "0.3", "lw": 0.7, "ls": (0, (4, 3)), "zorder": 1.5}
 
 
-def draw_dimensions(axis: Any, model: ChainModel, pose: DrivePose, travel: list[Array], factor: float) -> None:
-    """Writes teeth, radii, wrap angles, links and arm angles into a drive's picture."""
-    from matplotlib.patheffects import withStroke
+def draw_dimensions(
+    axis: Any,
+    model: ChainModel,
+    pose: DrivePose,
+    travel: list[Array],
+    factor: float,
+    labels: dict[str, Label],
+    color: str | None = None,
+) -> None:
+    """Writes teeth, radii, wrap angles, links and arm angles into a drive's picture.
 
+    Args:
+        labels: by name, to which it adds: a sprocket's dimensions below its name, others by themselves.
+        color: of the strands' texts; None is blue.
+    """
     path = chain_path(model)
-    middle = np.mean(pose.center, axis=0)
 
-    def write_at(text: str, at: Any, x: float, y: float, **more: Any) -> None:
-        """Writes a text at (x, y) [pt] from a point of the drive's picture."""
-        halo = [withStroke(linewidth=2.0, foreground="white")]
-        place: Any = {"xytext": (x, y), "textcoords": "offset points", "ha": "center", "va": "center"} | more
-        axis.annotate(text, factor * np.asarray(at), fontsize=7, zorder=5, path_effects=halo, **place)
+    def write_at(text: str, at: Any, **more: Any) -> Any:
+        """Writes a text at a point of the drive's picture, to be placed."""
+        return axis.annotate(
+            text, factor * np.asarray(at), xytext=(0.0, 0.0), textcoords="offset points", fontsize=7, zorder=5, **more
+        )
 
     for s, (sprocket, center) in enumerate(zip(model.sprockets, pose.center, strict=True)):
         wrap = math.degrees(float(path.wrap_angle[s]))
         text = f"{sprocket.teeth} teeth, r {_length_text(model.pitch_radius(s))}\nwrap {wrap:.1f}\N{DEGREE SIGN}"
-        write_at(text, center, 0.0, -7.0 - TEXT_SPACE * (text_count_at(axis, factor * center) - 1), va="top")
-    for g in range(len(model.guides)):
+        texts = labels[sprocket.name].texts
+        texts.append(write_at(text, center, color=texts[0].get_color()))
+    for g, guide in enumerate(model.guides):
         face, a = model.profile(g), model.arm_of(g)
         radii = dict.fromkeys(_length_text(1.0 / abs(piece.curvature)) for piece in face.face if piece.curvature)
-        place, heading = face.at(0.3 * face.face_length)
+        place, _ = face.at(0.3 * face.face_length)
         at = np.array(place)
         if a is not None:
-            at, heading = turn_points(at, model.arms[a].pivot, pose.arm[a]), heading + pose.arm[a]
-        x, y = math.sin(heading), -math.cos(heading)  # to the right, where no chain is
+            at = turn_points(at, model.arms[a].pivot, pose.arm[a])
         text = f"R {', '.join(radii)}" if radii else _length_text(face.face_length)
-        write_at(text, at, 5.0 * x, 5.0 * y, color="tab:brown", ha="left" if x > 0.0 else "right")
+        labels[f"{guide.name}.face"] = Label([write_at(text, at, color=RUBBER)])
     for k, text in enumerate(_strand_texts(model, path.strand_length / path.pitch)):
         mid = 0.5 * (path.strand_start[k] + path.strand_end[k])
-        x, y = (middle - mid) / max(float(np.hypot(*(middle - mid))), 1e-12)
-        write_at(text, mid, 24.0 * x, 10.0 * y, color="tab:blue")
+        labels[f"{model.name}.strand {k}"] = Label([write_at(text, mid, color=color or "tab:blue")])
     for arm, angle in zip(model.arms, pose.arm, strict=True):
         stops = "no stops" if arm.stops is None else "{:+g} to {:+g}\N{DEGREE SIGN}".format(*arm.stops)
-        away = 1.0 if arm.pivot[0] > middle[0] else -1.0
         text = f"{arm.name} at {math.degrees(angle):+.1f}\N{DEGREE SIGN}\n{stops}"
-        write_at(text, arm.pivot, 7.0 * away, 0.0, color="0.3", ha="left" if away > 0.0 else "right")
+        labels[f"{arm.name}.arm"] = Label([write_at(text, arm.pivot, color="0.3")])
     for points in travel:
         axis.plot(*factor * points.T, **TRAVEL_STYLE)
 

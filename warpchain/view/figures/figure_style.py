@@ -26,6 +26,38 @@ FIGURE_KINDS = ("png", "svg")
 SPROCKET_COLORS = ("tab:orange", "tab:green", "tab:purple", "tab:red", "tab:brown", "tab:cyan")
 """Colors of sprockets in figures where they must differ."""
 LINE_COLORS = ("tab:blue", "tab:orange", "tab:green", "tab:red", "tab:purple", "tab:brown")
+CHAIN_COLORS = ("#1f77b4", "#e8710a", "#2a9d4a", "#8b5fbf", "#c9302c", "#0fa3b1")
+"""Colors of a drive's chains, one after the other."""
+FILE_DPI = 120
+"""Pixels of a figure's file in an inch."""
+COLUMN_WIDTH, TICK_SIZE, LEGEND_SIZE = 10.0, 9.0, 8.0
+"""Width of a column of panels [in], sizes of ticks' and legends' words [pt]."""
+FIGURE_STYLE: Any = {
+    "axes.titley": 1.0,  # which saves looking for a place free of ticks
+    "axes.titlesize": 10,
+    "axes.labelsize": 9.5,
+    "axes.grid": True,
+    "grid.alpha": 0.3,
+    "figure.titlesize": 11.5,
+}
+"""Settings of matplotlib in which figures of panels are made."""
+LEGEND_PLACE: dict[str, Any] = {
+    "loc": "lower right",
+    "bbox_to_anchor": (1.0, 1.0),
+    "borderaxespad": 0.1,
+    "borderpad": 0.2,
+    "fontsize": LEGEND_SIZE,
+    "frameon": False,
+    "handlelength": 1.4,
+    "columnspacing": 1.2,
+    "labelspacing": 0.25,
+}
+"""Place and style of a panel's legend, above it on the right."""
+FILE_SETTINGS: dict[str, dict[str, Any]] = {
+    "png": {"pil_kwargs": {"compress_level": 3}},  # a third of the usual time, a tenth more bytes
+    "svg": {"metadata": {"Date": None}},
+}
+"""Settings of figures' files by kind."""
 _STEADY = 0.01
 """Share of the top speed within which a mean speed is that."""
 CURVE_SPELLS = 4000
@@ -71,26 +103,65 @@ def rpm_of_speed(speed: float) -> float:
 
 
 def panel_column(
-    rows: int, height: float, title: str, of: Drive | Trajectory | None, share: bool = True
+    rows: int, height: float, title: str, of: Drive | Trajectory | None, share: bool = True, right: float = 0.16
 ) -> tuple[Figure, list[Any]]:
-    """An empty figure of panels below each other, each figure `height` [in] high, with its axes."""
-    from warpchain.view.figures.plain_figure import PlainFigure
+    """An empty figure of panels below each other, each figure `height` [in] high, with its axes.
 
-    figure = PlainFigure(figsize=(10.0, height), layout="constrained")
-    axes = figure.subplots(rows, 1, sharex=share, squeeze=False)[:, 0]
-    if title:
-        figure.suptitle(title if of is None else f"{title}\n{run_line(of)}", fontsize=12)
+    Args:
+        right: room [in] beside the panels, of a color bar or of a second axis.
+    """
+    from matplotlib import rc_context
+
+    from warpchain.view.figures.plain_figure import PanelLayout, PlainFigure
+
+    with rc_context(FIGURE_STYLE):
+        figure = PlainFigure(figsize=(COLUMN_WIDTH, height))
+        axes = list(figure.subplots(rows, 1, sharex=share, squeeze=False)[:, 0])
+        figure.set_layout_engine(PanelLayout(axes, right))
+        if title:
+            figure.suptitle(title if of is None else f"{title}\n{run_line(of)}", y=1.0 - 0.06 / height, va="top")
     for axis in axes:
-        axis.grid(alpha=0.3)
+        axis.tick_params(labelsize=TICK_SIZE)
         axis.margins(x=0.0)
-    return figure, list(axes)
+    return figure, axes
 
 
-def draw_legend(axis: Any) -> None:
-    """Draws a panel's legend on its right, if curves have names."""
-    if axis.get_legend_handles_labels()[0]:
-        beside: Any = {"loc": "upper left", "bbox_to_anchor": (1.005, 1.0), "borderaxespad": 0.0}
-        axis.legend(fontsize=8, frameon=False, handlelength=1.4, **beside)
+def draw_legend(axis: Any, title: str = "") -> None:
+    """Draws a panel's legend above it, beside its title, in as few rows as its width holds."""
+    from warpchain.view.figures.plain_figure import LETTER_WIDTH, PanelLayout
+
+    words = axis.get_legend_handles_labels()[1]
+    if not words:
+        return
+    words = [*([title] if title else []), *words]
+    head = LETTER_WIDTH * 10.0 * len(axis.get_title("left")) + 0.2
+    room = COLUMN_WIDTH - 1.3 - head
+    columns = next(n for n in range(len(words), 0, -1) if n == 1 or _legend_width(words, n) <= room)
+    if title:  # which no curve has
+        axis.plot([], [], " ", label=title)
+        handles, names = axis.get_legend_handles_labels()
+        axis.legend(handles[-1:] + handles[:-1], names[-1:] + names[:-1], ncols=columns, **LEGEND_PLACE)
+    else:
+        axis.legend(ncols=columns, **LEGEND_PLACE)
+    layout = axis.figure.get_layout_engine()
+    if isinstance(layout, PanelLayout):
+        layout.legend_rows = max(layout.legend_rows, -(-len(words) // columns))
+
+
+def _legend_width(words: Sequence[str], columns: int) -> float:
+    """Width [in] of a legend in so many columns, filled one after the other."""
+    from warpchain.view.figures.plain_figure import LETTER_WIDTH
+
+    rows = -(-len(words) // columns)
+    each = [max(map(len, words[k : k + rows])) for k in range(0, len(words), rows)]
+    return sum(0.36 + LETTER_WIDTH * LEGEND_SIZE * letters for letters in each)
+
+
+def draw_color_bar(axis: Any, image: Any, label: str, **settings: Any) -> None:
+    """Draws the color bar of an image beside its panel."""
+    bar = axis.figure.colorbar(image, ax=axis, fraction=0.02, pad=0.015, aspect=30, **settings)
+    bar.set_label(label, fontsize=9.5)
+    bar.ax.tick_params(labelsize=TICK_SIZE)
 
 
 def draw_tooth_orders(axis: Any, teeth: int) -> None:
@@ -98,6 +169,25 @@ def draw_tooth_orders(axis: Any, teeth: int) -> None:
     for k in range(1, TOOTH_PASSINGS + 1):
         label = f"tooth passing, multiples of {teeth}" if k == 1 else None
         axis.axvline(k * teeth, color="black", lw=0.8, ls=":", label=label)
+
+
+def set_log_scale(axis: Any) -> None:
+    """Gives a panel's upright axis a logarithmic scale with a tick a decade, its words without formulas."""
+    from matplotlib.ticker import FuncFormatter, NullLocator
+
+    axis.set_yscale("log")
+    axis.yaxis.set_minor_locator(NullLocator())
+    axis.yaxis.set_major_formatter(FuncFormatter(lambda value, _: decade_text(value)))
+
+
+def decade_text(value: float) -> str:
+    """A power of ten as a tick's text: plain from 0.001 to 10,000."""
+    if 1e-3 <= value <= 1e4:
+        return f"{value:g}"
+    exponent = f"{np.log10(value):.0f}" if value > 0.0 else ""
+    return "10" + exponent.translate(
+        str.maketrans("-0123456789", "\u207b\u2070\u00b9\u00b2\u00b3\u2074\u2075\u2076\u2077\u2078\u2079")
+    )
 
 
 def panel_grid(count: int, columns: int, width: float, height: float) -> tuple[Figure, list[Any]]:
@@ -124,7 +214,7 @@ def draw_curve(axis: Any, x: NDArray[np.floating], y: NDArray[np.floating], **st
 def save_figure(figure: Figure, path: Path) -> None:
     """Writes a figure as its path's ending says, whole or not at all; raises ArchiveError."""
     with refusals_as_errors(path, ArchiveError), whole_file(path) as file:
-        figure.savefig(file, format=path.suffix[1:], dpi=130)
+        figure.savefig(file, format=path.suffix[1:], dpi=FILE_DPI, **FILE_SETTINGS[path.suffix[1:]])
 
 
 def save_figures(figures: Mapping[str, Figure], folder: str | Path, kinds: str | Sequence[str]) -> list[Path]:
@@ -148,6 +238,5 @@ def save_figures(figures: Mapping[str, Figure], folder: str | Path, kinds: str |
                 style = matplotlib.rc_context({"svg.fonttype": "none", "svg.hashsalt": name})
                 paths.append(target / f"{name}.{kind}")
                 with style, whole_file(paths[-1]) as file:
-                    metadata = {"Date": None} if kind == "svg" else None
-                    figure.savefig(file, format=kind, dpi=130, metadata=metadata)
+                    figure.savefig(file, format=kind, dpi=FILE_DPI, **FILE_SETTINGS[kind])
     return paths

@@ -2,67 +2,155 @@
 
 from __future__ import annotations
 
-from typing import Any
+from collections.abc import Sequence
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 
-LABEL_DISTANCES, LABEL_DIRECTIONS = (3.0, 7.0, 12.0, 18.0, 26.0, 36.0, 48.0), 24
-"""Distances [pt] of a label from its point to try, and number of directions."""
-TEXT_COST, MOVE_COST = 20.0, 2.0
-"""Cost of another label's covered pixel and of a point's move; a part's pixel costs 1."""
+CELL = 3
+"""Pixels along a side of the cells in which places are looked for."""
+COVER_COST = 25.0
+"""Cost of a covered cell; a cell's width further from the label's point costs 1."""
+LEADER_LENGTH = 9.0
+"""Distance from its point to a label [pt] from which a line leads there."""
+DARK, LIGHT = 0.83, 0.98
+"""Gray below which a picture's cell is a line, and below which it is a part's inside."""
+CLEARANCE = 2.0
+"""Room around a label [px]."""
+LEADER_TRIES = 400
+"""Best places of a label, of which the first is taken whose line crosses no other label."""
 
 
-def move_labels(axis: Any, fixed: Array) -> None:
-    """Moves a picture's labels, the widest first, to where they cover least; those at `fixed` (n, 2) stay."""
+class Label(NamedTuple):
+    """Texts that belong together and stand below each other, annotations of one point.
+
+    Attributes:
+        radius: of the sprocket around the point, in the axes' units, inside of which they may stand.
+    """
+
+    texts: list[Any]
+    radius: float = 0.0
+
+
+class _Box(NamedTuple):
+    """A label to place: texts, point, radius, the texts' sizes and the whole box's (width, height), all [px]."""
+
+    texts: Sequence[Any]
+    point: Array
+    radius: float
+    sizes: Sequence[Array]
+    size: Array
+
+
+def place_labels(axis: Any, labels: Sequence[Label]) -> None:
+    """Moves a picture's labels to the nearest places where they cover nothing, with lines to those further off."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
 
-    figure, texts = axis.figure, list(axis.texts)
+    figure, texts = axis.figure, [text for label in labels for text in label.texts]
     canvas = FigureCanvasAgg(figure)
-    figure.draw_without_rendering()  # lays the figure out around all texts
-    layout = figure.get_layout_engine()
-    figure.set_layout_engine("none")
-    boxes = {text: np.array(text.get_window_extent(canvas.get_renderer()).padded(1.0).extents) for text in texts}
+    renderer = canvas.get_renderer()
+    found = []
+    for label in labels:
+        for text in label.texts:
+            text.set_parse_math(False)
+            text.set_path_effects([])
+        boxes = [np.array(text.get_window_extent(renderer).size) for text in label.texts]
+        size = np.array([max(box[0] for box in boxes), sum(box[1] for box in boxes) + 2.0 * (len(boxes) - 1)])
+        at = np.array(label.texts[0].xy, dtype=float)
+        point, beside = axis.transData.transform([at, at + np.array([label.radius, 0.0])])
+        found.append(_Box(label.texts, point, float(beside[0] - point[0]), boxes, size + 2.0 * CLEARANCE))
     for text in texts:
         text.set_visible(False)
     canvas.draw()
     for text in texts:
         text.set_visible(True)
-    figure.set_layout_engine(layout)
-    covered = (np.asarray(canvas.buffer_rgba())[::-1, :, :3] < 255).any(axis=2).astype(float)  # rows from below
-    movable = [text for text in texts if not np.isclose(fixed, text.xy).all(axis=1).any()]
-    for text in set(texts) - set(movable):
-        covered[_box_pixels(boxes[text])] = TEXT_COST
-    inside, scale = np.array(axis.bbox.extents), figure.dpi / 72.0
-    for label in sorted(movable, key=lambda label: float(boxes[label][0] - boxes[label][2])):
-        box = boxes[label]
-        ways = _label_moves(box, axis.transData.transform(label.xy), scale)
-        costs = [_covering_cost(covered, box + np.tile(way, 2), inside) for way in ways]
-        way = ways[int(np.argmin(np.add(costs, MOVE_COST / scale * np.hypot(*ways.T))))]
-        label.xyann = tuple(np.add(label.xyann, way / scale))
-        covered[_box_pixels(box + np.tile(way, 2))] = TEXT_COST
+    inside = np.array(axis.bbox.extents)
+    lines, insides = _covered_cells(np.asarray(canvas.buffer_rgba()), inside)
+    taken = np.zeros_like(lines)
+    for box in sorted(found, key=lambda one: (-len(one.texts), -one.size[0])):
+        corner = _nearest_free_corner(box, inside[:2], lines, insides, taken)
+        _put_label(axis, box, corner, taken, inside[:2])
 
 
-def _label_moves(box: Array, point: Array, scale: float) -> Array:
-    """Moves (n, 2) [px] to try for a label's box."""
-    half, middle = 0.5 * (box[2:] - box[:2]), 0.5 * (box[2:] + box[:2])
-    angle = np.arange(LABEL_DIRECTIONS) * (2.0 * np.pi / LABEL_DIRECTIONS)
-    to = np.stack([np.cos(angle), np.sin(angle)], axis=1)
-    edge = (half / np.maximum(np.abs(to), 1e-9)).min(axis=1)  # from the box's middle to its edge
-    places = [point + (edge + scale * reach)[:, None] * to for reach in LABEL_DISTANCES]
-    return np.concatenate([np.zeros((1, 2)), *(place - middle for place in places)])
+def _covered_cells(pixels: Any, inside: Array) -> tuple[Array, Array]:
+    """Cells of an axes' pixels, rows from below: 1 where a line is, and where a line or a part's inside is."""
+    left, bottom, right, top = inside.round().astype(int)
+    gray = pixels[::-1, :, :3][bottom:top, left:right].min(axis=2) / 255.0
+    rows, columns = (n // CELL for n in gray.shape)
+    gray = gray[: rows * CELL, : columns * CELL].reshape(rows, CELL, columns, CELL).min(axis=(1, 3))
+    border = np.zeros_like(gray)
+    border[[0, -1]] = border[:, [0, -1]] = 1.0
+    return np.maximum(border, gray < DARK), np.maximum(border, gray < LIGHT)
 
 
-def _box_pixels(box: Array) -> tuple[slice, slice]:
-    """Rows and columns of a label box's pixels."""
-    left, bottom, right, top = np.maximum(box, 0.0).round().astype(int)
-    return slice(bottom, top), slice(left, right)
+def _nearest_free_corner(box: _Box, origin: Array, lines: Array, insides: Array, taken: Array) -> Array:
+    """Lower left corner [px] of the place for a label that covers least, and is then nearest to its point."""
+    wide, high = np.ceil(box.size / CELL).astype(int)
+    rows, columns = lines.shape
+    wide, high = min(wide, columns), min(high, rows)
+    point, radius = (box.point - origin) / CELL, box.radius / CELL
+    x, y = np.arange(columns - wide + 1), np.arange(rows - high + 1)
+    off = [np.maximum(np.maximum(low - at, at - low - size), 0.0)
+           for at, low, size in ((point[0], x, wide), (point[1], y, high))]  # fmt: skip
+    distance = np.hypot(off[0][None, :], off[1][:, None])
+    cells = insides + 2.0 * taken
+    covered = _box_sums(cells, wide, high)
+    if radius > 0.0:  # inside its sprocket only lines count
+        reach = [np.maximum(np.abs(low - at), np.abs(low + size - at))
+                 for at, low, size in ((point[0], x, wide), (point[1], y, high))]  # fmt: skip
+        own = np.hypot(reach[0][None, :], reach[1][:, None]) < radius
+        covered = np.where(own, _box_sums(lines + 2.0 * taken, wide, high), covered)
+    cost = COVER_COST * covered + distance + 0.4 * np.abs(x + 0.5 * wide - point[0])[None, :]
+    best = np.argpartition(cost, min(LEADER_TRIES, cost.size - 1), axis=None)[:LEADER_TRIES]
+    best = best[np.argsort(cost.ravel()[best], kind="stable")]
+    corners = [origin + CELL * np.array(np.unravel_index(k, cost.shape)[::-1], dtype=float) for k in best]
+    free = (corner for corner in corners if not _leader_cells(box, corner, origin, taken).any())
+    return next(free, corners[0])
 
 
-def _covering_cost(covered: Array, box: Array, inside: Array) -> float:
-    """Pixels that a label's box covers; infinite where it leaves the axes."""
-    if (box[:2] < inside[:2]).any() or (box[2:] > inside[2:]).any():
-        return np.inf
-    return float(covered[_box_pixels(box)].sum())
+def _leader_ends(box: _Box, corner: Array) -> Array:
+    """Ends (2, 2) [px] of the line from a label's point, or its sprocket's rim, to the label's box at a corner."""
+    end = np.clip(box.point, corner + CLEARANCE, corner + box.size - CLEARANCE)
+    away = float(np.hypot(*(end - box.point)))
+    return np.array([box.point + (end - box.point) * min(1.0, box.radius / max(away, 1e-9)), end])
+
+
+def _leader_cells(box: _Box, corner: Array, origin: Array, cells: Array) -> Array:
+    """Values of the cells that a label's leader passes."""
+    start, end = _leader_ends(box, corner)
+    steps = (start + np.linspace(0.0, 0.98, 60)[:, None] * (end - start) - origin) / CELL
+    return cells[_within(steps[:, 1], cells.shape[0]), _within(steps[:, 0], cells.shape[1])]
+
+
+def _box_sums(cells: Array, wide: int, high: int) -> Array:
+    """Sums of cells in boxes of a size, by their lower left corners."""
+    total = np.zeros(np.add(cells.shape, 1))
+    total[1:, 1:] = cells.cumsum(axis=0).cumsum(axis=1)
+    return total[high:, wide:] - total[:-high, wide:] - total[high:, :-wide] + total[:-high, :-wide]
+
+
+def _put_label(axis: Any, box: _Box, corner: Array, taken: Array, origin: Array) -> None:
+    """Places a label's texts below each other in its box, with a line where it stands off, and marks their cells."""
+    scale = axis.figure.dpi / 72.0
+    middle, top = corner[0] + 0.5 * box.size[0], corner[1] + box.size[1] - CLEARANCE
+    for text, size in zip(box.texts, box.sizes, strict=True):
+        text.set(ha="center", va="bottom", ma="center")
+        text.xyann = tuple((np.array([middle, top - size[1]]) - box.point) / scale)
+        top -= size[1] + 2.0
+    ends = _leader_ends(box, corner)
+    if np.hypot(*(ends[1] - ends[0])) > LEADER_LENGTH * scale:
+        color = box.texts[0].get_color()
+        axis.plot(*axis.transData.inverted().transform(ends).T, color=color, lw=0.5, alpha=0.7, zorder=4.5)
+        columns, rows = ((ends[0] + np.linspace(0.0, 1.0, 300)[:, None] * (ends[1] - ends[0]) - origin) / CELL).T
+        taken[_within(rows, taken.shape[0]), _within(columns, taken.shape[1])] = 1.0
+    left, bottom = ((corner - origin) / CELL).astype(int)
+    right, above = np.ceil((corner + box.size - origin) / CELL).astype(int)
+    taken[bottom:above, left:right] = 1.0
+
+
+def _within(places: Array, count: int) -> NDArray[np.int64]:
+    """Numbers of cells at places along an axis of so many cells."""
+    return places.astype(int).clip(0, count - 1)

@@ -15,7 +15,7 @@ from warpchain.results.losses import Array, friction_power_by_group
 from warpchain.results.run import Trajectory
 from warpchain.results.signals import forward_values
 from warpchain.results.units import display_unit
-from warpchain.view.figures.figure_style import LINE_COLORS, draw_curve, panel_column, rpm_of_speed
+from warpchain.view.figures.figure_style import LINE_COLORS, draw_curve, draw_legend, panel_column, rpm_of_speed
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -31,7 +31,7 @@ def guide_load_figure(found: EngineeringReport, g: int) -> Figure:
     load: GuideLoad = found.guide_loads[g]
     inside = load.mean > 0.0
     span = load.place[inside] if inside.any() else load.place
-    figure, axes = panel_column(3, 6.4, "", None)
+    figure, axes = panel_column(3, 6.4, "", None, right=0.85)
     length, to_length = display_unit("m", load.place)
     x, width = to_length * load.place, to_length * float(load.place[1] - load.place[0])
     rows = (
@@ -45,6 +45,7 @@ def guide_load_figure(found: EngineeringReport, g: int) -> Figure:
         if peak is not None:
             word_peak, factor_peak = _unit_per_length(unit, peak)
             twin = axis.twinx()
+            twin.grid(False)
             twin.step(x, factor_peak * peak, where="mid", color=LINE_COLORS[3], lw=1.0)
             twin.set_ylabel(f"largest\n[{word_peak}]", color=LINE_COLORS[3])
             twin.set_ylim(0.0)
@@ -99,7 +100,7 @@ def draw_stacked_areas(axis: Any, x: Array, rows: Mapping[str, Array]) -> None:
     """Draws rows of values into a panel as stacked areas with a legend."""
     axis.stackplot(x, *rows.values(), labels=list(rows), colors=LINE_COLORS, alpha=0.75, lw=0)
     axis.set_xlim(x[0], x[-1])
-    axis.legend(loc="upper left", fontsize=8)
+    draw_legend(axis)
 
 
 def variants_friction_figure(drive: Drive, speed: Array, groups: Mapping[str, Array]) -> Figure:
@@ -129,7 +130,7 @@ def joint_wear_figure(found: EngineeringReport) -> Figure | None:
     axis.set_xlim(-0.5, len(rate) - 0.5)
     axis.set_xlabel("joint number")
     axis.set_ylabel(f"force times\nsliding speed [{unit}]")
-    axis.legend(loc="lower right", fontsize=8)
+    draw_legend(axis)
     return figure
 
 

@@ -19,6 +19,7 @@ from warpchain.view.figures.figure_style import (
     draw_legend,
     draw_tooth_orders,
     panel_column,
+    set_log_scale,
     strand_label,
 )
 
@@ -68,7 +69,7 @@ def _draw_order_spectra(axis: Any, drive: Drive, found: SignalComparison, factor
             peak = max(peak, float(amplitude.max(initial=0.0)))
     draw_tooth_orders(axis, driver.teeth)
     if peak > 0.0:
-        axis.set_yscale("log")
+        set_log_scale(axis)
         axis.set_ylim(SPECTRUM_FLOOR * peak, 2.0 * peak)
     axis.set_xlim(0.0, last)
     axis.set_xlabel(f"order [multiples of the revolutions of {driver.name}]")

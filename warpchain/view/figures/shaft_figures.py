@@ -12,7 +12,15 @@ from warpchain.results.order_tracking import CYCLE_TURNS, cycle_average, driver_
 from warpchain.results.shaft_signals import phase_error
 from warpchain.results.signals import strand_tension
 from warpchain.results.units import display_unit
-from warpchain.view.figures.figure_style import LINE_COLORS, Array, draw_curve, panel_column, panel_grid, strand_label
+from warpchain.view.figures.figure_style import (
+    LINE_COLORS,
+    Array,
+    draw_curve,
+    draw_legend,
+    panel_column,
+    panel_grid,
+    strand_label,
+)
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -63,7 +71,7 @@ def phase_error_figure(found: EngineeringReport) -> Figure | None:
     axis.axvspan(found.start, found.end, color="0.93", lw=0, zorder=0, label="window of the metrics")
     axis.set_xlabel("time [s]")
     axis.set_ylabel(f"phase error\n[degrees of {name}]")
-    axis.legend(loc="best", fontsize=8, ncols=3)
+    draw_legend(axis)
     return figure
 
 
@@ -84,7 +92,7 @@ def phase_error_order_figure(found: EngineeringReport) -> Figure | None:
     driver = found.model.sprockets[found.model.driver].name
     axis.set_xlabel(f"order [multiples of the revolutions of {driver}]")
     axis.set_ylabel(f"amplitude of the phase error\n[degrees of {driver}]")
-    axis.legend(loc="best", fontsize=8)
+    draw_legend(axis)
     return figure
 
 
@@ -130,7 +138,7 @@ def driver_cycle_figure(found: EngineeringReport) -> Figure | None:
             axis.plot(angle, factor * average.mean, lw=1.2, color=color, label=name)
             axis.fill_between(angle, factor * average.low, factor * average.high, color=color, alpha=0.15, lw=0)
         axis.set_ylabel(f"{title}\n[{word}]")
-        axis.legend(loc="center left", bbox_to_anchor=(1.0, 0.5), fontsize=8)
+        draw_legend(axis)
     title = f"{count} cycle{'s' * (count > 1)}: mean, and shaded from smallest to largest"
     axes[0].set_title(title, loc="left", fontsize=9)
     axes[-1].set_xlim(0.0, 360.0 * CYCLE_TURNS)
@@ -157,5 +165,5 @@ def jump_margin_figure(found: EngineeringReport) -> Figure:
     axis.set_ylim(min([0.0, *(value for value in lowest if math.isfinite(value))]) - 3.0, 108.0)
     axis.set_xlabel("time [s]")
     axis.set_ylabel("margin over the climb\n[%], 0: it jumps")
-    axis.legend(loc="center left", bbox_to_anchor=(1.0, 0.5), fontsize=8, title="least")
+    draw_legend(axis, "least")
     return figure

@@ -25,7 +25,14 @@ from warpchain.results.signals import (
 )
 from warpchain.results.strand_passing import strand_displacement
 from warpchain.results.units import display_unit
-from warpchain.view.figures.figure_style import LINE_COLORS, Array, panel_column, rpm_of_speed, strand_label
+from warpchain.view.figures.figure_style import (
+    LINE_COLORS,
+    Array,
+    draw_legend,
+    panel_column,
+    rpm_of_speed,
+    strand_label,
+)
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -137,6 +144,7 @@ def campbell_figure(found: Sequence[SpeedSweep], highest: float | None = None) -
         raise SimulationError("no spectra: nothing to draw")
     title = f"Campbell diagram: {found[0].label} over the driver's speed"
     figure, axes = panel_column(len(found), 3.3 * len(found) + 0.7, title, None)
+    figure.set_layout_engine("constrained")  # around color bars, and the legend below
     for axis, sweep in zip(axes, found, strict=True):
         passing = sweep.teeth * sweep.speed[-1] / 60.0
         top = min(
@@ -251,7 +259,8 @@ def order_cuts_figure(model: ChainModel, title: str, unit: str, found: dict[str,
             axis.plot(rpm_of_speed(1.0) * cuts.speed, factor * cuts.amplitude[:, k], color=color, lw=1.1, label=mark)
         axis.set_title(name, loc="left", fontsize=9)
         axis.set_ylim(0.0)
-    figure.supylabel(f"amplitude of the {title} [{word}]", fontsize=10)
-    axes[0].legend(loc="center left", bbox_to_anchor=(1.0, 0.5), fontsize=8)
+        axis.set_ylabel(f"[{word}]")
+    axes[0].set_title(f"{next(iter(found))}: amplitude of the {title}", loc="left", fontsize=9)
+    draw_legend(axes[0])
     axes[-1].set_xlabel(f"speed of {model.sprockets[model.driver].name} [rpm], mean of {BLOCK_TURNS:g} revolutions")
     return figure
