@@ -546,7 +546,7 @@ class SprocketSums:
     moment: wp.float64  # [N m s]
     contact_work: wp.float64  # done by the chain on the sprocket [J]
     load_work: wp.float64  # done by the load moment [J]
-    late_work: wp.float64  # done by contacts, beside what these have in `dissipated` (`body.late_power`) [J]
+    late_work: wp.float64  # done by contacts, beside what these have in `dissipated` (`body.late_contact_power`) [J]
     force: wp.vec2d  # of the chain on it [N s]
     force_max: wp.float64  # its largest magnitude [N]
 
@@ -574,7 +574,7 @@ class ArmSums:
     moment: wp.float64  # of contacts about its pivot [N m s]
     dissipated: wp.float64  # in its damper and stops [J]
     work: wp.float64  # done on it by what leads its pivot [J]
-    late_work: wp.float64  # done on it by contacts, beside what these have in `dissipated` (`body.late_power`) [J]
+    late_work: wp.float64  # done on it by contacts, beside these' `dissipated` (`body.late_contact_power`) [J]
 
 
 @wp.struct

@@ -22,7 +22,7 @@ from warpchain.engine.gpu_kernels import block_shape, roller_capacity, variant_k
 from warpchain.engine.pack import pack
 from warpchain.kernels.gpu.block import block_kernel
 from warpchain.kernels.gpu.shared_memory import block_memory
-from warpchain.kernels.gpu.statistics import collect_kernel
+from warpchain.kernels.gpu.statistics import tally_sum_kernel
 from warpchain.kernels.statistics import BINS
 from warpchain.model import Model
 from warpchain.model.stacks import stacks_of_drives
@@ -557,7 +557,7 @@ def run_blocks(packed, kind, blocks, order, frames):
         inputs = [ensemble, state, sums, tallies, frames, turn, ends, begun]
         dim = kind.launch_threads(len(order))
         wp.launch(kernel, dim=dim, inputs=inputs, block_dim=kind.block_threads, device="cpu")
-    wp.launch(collect_kernel(packed.real), packed.variants, inputs=[ensemble.drives, tallies, sums], device="cpu")
+    wp.launch(tally_sum_kernel(packed.real), packed.variants, inputs=[ensemble.drives, tallies, sums], device="cpu")
     return state, {name: device_values(getattr(sums, name), "sums", name, packed.real) for name in ARRAYS["sums"]}
 
 

@@ -10,7 +10,7 @@ import warp as wp
 from ..number import leading_value
 from ..physics.body import arm_mass_moment, arm_spring_moment, plain_body, pose_heading
 from ..physics.guide import world_vector
-from ..physics.hub import carried_arm_terms, eliminate_carried_arm, relative_body
+from ..physics.hub import carried_arm_coefficients, eliminate_carried_arm, relative_body
 from ..structs import Drive
 
 
@@ -48,7 +48,7 @@ def joint_terms(drive: Drive, arms: Any, motions: Any, poses: Any, rates: Any, f
     lever, s = leading_value(world_vector(arm.lever, carrier)), arm_mass_moment(pose_heading(own), arm)
     w1, w2 = leading_value(carrier.speed) + lag * carrier.angular, leading_value(own.speed) + lag * own.angular
     led, inverse = wp.vector(rates[on][0], rates[on][1]), motions[b].inverse_inertia
-    return carried_arm_terms(lever, s, w1, w2, led, rates[b][2] / inverse), inverse
+    return carried_arm_coefficients(lever, s, w1, w2, led, rates[b][2] / inverse), inverse
 
 
 @wp.func

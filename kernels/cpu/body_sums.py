@@ -12,7 +12,7 @@ from ..physics.body import (
     body_energy,
     heading_of,
     holding_force_and_power,
-    late_power,
+    late_contact_power,
     pivot_power,
 )
 from ..physics.hub import relative_body
@@ -88,7 +88,7 @@ def body_sum_functions(Real: type) -> BodySumFunctions:
             rates = body_accelerations(now.time, off, body, heading, whole, motion, mount, ensemble)
             held, power = holding_force_and_power(off, body, heading, whole, rates, motion, mount)
             sums.mount[i] = add_mount(sums.mount[i], off, body.velocity, mount, held, power, now.weight)
-        late = late_power(wrench, body, state.poses[b], now.lag, mount.moves == CARRIED)
+        late = late_contact_power(wrench, body, state.poses[b], now.lag, mount.moves == CARRIED)
         sums.sprocket[i] = add_powers(sums.sprocket[i], body.speed, wrench.moment, load, late, now.weight)
         sums.sprocket[i] = add_hub_force(sums.sprocket[i], wrench.force, now.weight)
 
@@ -112,7 +112,7 @@ def body_sum_functions(Real: type) -> BodySumFunctions:
             whole, rates = carried_arms.wrench_with_pivot_forces(ensemble, state, drive, a, whole, rates, now)
             held, led = holding_force_and_power(off, body, heading, whole, rates, motion, mount)
             led = pivot_power(led, body, ensemble.arms[i])
-        late = late_power(state.wrenches[b], body, state.poses[b], now.lag, ensemble.mounts[b].moves == CARRIED)
+        late = late_contact_power(state.wrenches[b], body, state.poses[b], now.lag, ensemble.mounts[b].moves == CARRIED)
         sums.arm[i] = add_arm(sums.arm[i], body, state.wrenches[b].moment, power, led, late, now.weight)
 
     return BodySumFunctions(

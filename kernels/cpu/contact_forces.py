@@ -7,7 +7,7 @@ import warp as wp
 
 from ..native import row_access
 from ..physics.contact import (
-    is_changing,
+    is_changing_contact,
     normal_force,
     power_of_force,
     reaction_moment,
@@ -89,7 +89,7 @@ def contact_force_functions(Real: type, capacity: int) -> ContactForceFunctions:
         size, damper_speed = steady_force(penetration, speed, growth, before, speed_before, law)
         kept = wp.where(penetration > Real(0.0), before, access.load(w, row.v0_open + i))
         store_normal_force(w, i, size, kept, damper_speed)
-        return wp.where(kept == before, 0, 1) | 2 * is_changing(penetration, speed, growth, before, law)
+        return wp.where(kept == before, 0, 1) | 2 * is_changing_contact(penetration, speed, growth, before, law)
 
     @wp.func
     def mend_changing_forces(w: wp.array[Real], group: Group, law: kinds.ContactLaw, memory: Memory):
@@ -98,7 +98,7 @@ def contact_force_functions(Real: type, capacity: int) -> ContactForceFunctions:
         while i < group.high:
             penetration, before = access.load(w, row.penetration + i), access.load(w, row.v0_before + i)
             speed, growth = normal_approach(w, i, memory)
-            if is_changing(penetration, speed, growth, before, law) != 0:
+            if is_changing_contact(penetration, speed, growth, before, law) != 0:
                 speed_before = access.load(w, memory.damper_row + i)
                 mean, elastic, size, first, damper = normal_force(penetration, speed, growth, before, speed_before, law)
                 access.store(w, row.penetration + i, mean)

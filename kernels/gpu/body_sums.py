@@ -15,7 +15,7 @@ from ..physics.body import (
     body_energy,
     heading_of,
     holding_force_and_power,
-    late_power,
+    late_contact_power,
     pivot_power,
     pose_heading,
     speed_as_float64,
@@ -76,14 +76,14 @@ def body_sum_functions(kind: BlockKind) -> BodySumFunctions:
     def late_power_on_body(
         shared: Shared, mine: ThreadParts, now: Now, before: Pose, seen: kinds.Instant, acting: of_three
     ):
-        """`body.late_power` of the thread's body; arguments as of `add_sprocket_step`."""
+        """`body.late_contact_power` of the thread's body; arguments as of `add_sprocket_step`."""
         wrench = kinds.Wrench()
         wrench.moment = acting[0]
         carried = bool(True)  # or fixed
         if wp.static(kind.moving):
             wrench.force = vec2(acting[1], acting[2])
             carried = shared.mounts[mine.body].moves == CARRIED
-        return late_power(wrench, seen, before, velocity_lag(mine, now), carried)
+        return late_contact_power(wrench, seen, before, velocity_lag(mine, now), carried)
 
     @wp.func
     def add_sprocket_step(
@@ -172,7 +172,7 @@ def body_sum_functions(kind: BlockKind) -> BodySumFunctions:
     ):
         """Adds a step of the thread's arm to the sums of the window.
 
-        `moment` is the chain's on it [N m], `powers` those of what leads its pivot and of `body.late_power` [W].
+        `moment` is the chain's [N m], `powers` those of what leads its pivot and of `body.late_contact_power` [W].
         """
         at = ensemble.drives[mine.variant].first_arm + mine.arm
         power = arm_dissipation(spring_state(shared, mine, seen), ensemble.arms[at])

@@ -172,6 +172,7 @@ def block_memory(kind: BlockKind) -> BlockMemory:
     seen = tally_places(kind)[-1] if kind.measuring else 0
 
     def needed(counts: Mapping[str, int]) -> int:
+        """Bytes of arrays of so many values, each aligned."""
         bytes_ = (count * size_of(fields[name].type.dtype) for name, count in counts.items())
         return sum(-(-each // ALIGNED) * ALIGNED for each in bytes_)
 

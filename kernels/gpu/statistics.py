@@ -77,7 +77,7 @@ def statistics_functions(kind: BlockKind) -> StatisticsFunctions:
 
     @wp.func
     def note_sums(ensemble: Ensemble, out: Out, shared: Shared, mine: ThreadParts, step: int):
-        """Notes the sums at the ends of batches; links on no strand are noted as the chain's, `collect` adds the rest.
+        """Notes the sums at the ends of batches; links on no strand are the chain's; `add_tallies` adds the rest.
 
         All threads must be past the sample before.
         """
@@ -132,12 +132,12 @@ def contact_sums_of(tallies: Tallies, at: int):
 
 
 @cache
-def collect_kernel(Real: type) -> wp.Kernel:
-    """The kernel that adds up the tallies of variants whose blocks are of a precision."""
+def tally_sum_kernel(Real: type) -> wp.Kernel:
+    """The kernel that adds each variant's tallies, of blocks of a precision, to its sums."""
     kinds = types(Real, blocks=True)
 
-    @wp.kernel(enable_backward=False, module=own_module(__file__, "collect", Real))
-    def collect(drives: wp.array[Drive], tallies: Tallies, sums: kinds.Sums):
+    @wp.kernel(enable_backward=False, module=own_module(__file__, "tally_sum", Real))
+    def add_tallies(drives: wp.array[Drive], tallies: Tallies, sums: kinds.Sums):
         """Adds up one variant's tallies, roller by roller in order: a thread a variant."""
         variant = wp.tid()
         drive = drives[variant]
@@ -174,4 +174,4 @@ def collect_kernel(Real: type) -> wp.Kernel:
             sums.contact[at] = total
             memory = memory + n
 
-    return without_contraction(collect)
+    return without_contraction(add_tallies)

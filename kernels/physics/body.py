@@ -320,8 +320,8 @@ def holding_force_and_power(off: Any, body: Any, heading: Any, wrench: Any, rate
 
 
 @wp.func
-def late_power(wrench: Any, now: Any, pose: Any, lag: Any, carried: bool):
-    """Power [W] that contacts on a body miss by its acceleration of the step before.
+def late_contact_power(wrench: Any, now: Any, pose: Any, lag: Any, carried: bool):
+    """Power [W] that contacts on a body miss, since they take its acceleration of the step before.
 
     `now` is its state at the forces' instant, `pose` of `lag` [s] before; `carried`: its carrier has the center's
     power.

@@ -93,7 +93,7 @@ def steady_force(penetration: Any, speed: Any, growth: Any, impact_speed: Any, s
 
 
 @wp.func
-def is_changing(penetration: Any, speed: Any, growth: Any, impact_speed: Any, law: Any):
+def is_changing_contact(penetration: Any, speed: Any, growth: Any, impact_speed: Any, law: Any):
     """1 where a contact opens, closes or begins within the step, else 0."""
     zero = type(speed)(0.0)
     ahead = smaller(wp.abs(multiply_add(law.lag, growth, speed)) * law.lag, law.ahead)

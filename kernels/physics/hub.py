@@ -57,8 +57,8 @@ def moment_about_pivot(lever: Any, force: Any):
 
 
 @wp.func
-def carried_arm_terms(lever: Any, s: Any, w1: Any, w2: Any, led: Any, moment: Any):
-    """Terms of (b) for an arm that an arm carries: d.s [kg m^2], right side and last term [N m].
+def carried_arm_coefficients(lever: Any, s: Any, w1: Any, w2: Any, led: Any, moment: Any):
+    """Coefficients of (b): d.s [kg m^2], arm 2's right side and arm 1's last term [N m].
 
     `lever` is d [m], `w1` and `w2` [rad/s], `led` the acceleration of arm 1's pivot [m/s^2], `moment` M_2 [N m].
     """

@@ -21,7 +21,7 @@ from warpchain.kernels.gpu.block import block_kernel
 from warpchain.kernels.gpu.block_kinds import BY_SPEED, BlockKind, BlockShape, Friction, Parts
 from warpchain.kernels.gpu.relax import block_relax_kernel
 from warpchain.kernels.gpu.shared_memory import block_memory
-from warpchain.kernels.gpu.statistics import collect_kernel
+from warpchain.kernels.gpu.statistics import tally_sum_kernel
 from warpchain.kernels.relaxation import Settling
 from warpchain.results.channels import DEFAULT_FRAME, drive_frame_width
 from warpchain.results.schedule import Schedule
@@ -86,7 +86,7 @@ def run_on_blocks(drives: list[Drive], many: bool, precision: str, measuring: bo
         order: wp.array = wp.array(np.arange(blocks), dtype=wp.int32, device="cpu")
         inputs = [ensemble, state, sums, tallies, frames, order, ends, begun]
         wp.launch(kernel, dim=blocks * shape.threads, inputs=inputs, block_dim=shape.threads, device="cpu")
-        wp.launch(collect_kernel(packed.real), packed.variants, inputs=[ensemble.drives, tallies, sums], device="cpu")
+        wp.launch(tally_sum_kernel(packed.real), packed.variants, inputs=[ensemble.drives, tallies, sums], device="cpu")
     held = {name: getattr(state, name) for name in ("rollers", "seat", "progress")}
     bodies = device_values(state.bodies, "state", "bodies", packed.real)
     held["sprockets"] = {name: np.array(bodies[name]) for name in ("angle", "speed", "center", "velocity")}

@@ -148,7 +148,7 @@ def read_quantities(_: Path) -> dict[str, Any]:
     found["peaks"] = [signals.peak_frames(tension[:, 0], 50), *signals.peaks_over_time(tension, 50)]
     found["passing"] = [strand_passing.passing_link(one, k) for k in strands]
     found["arrows"], found["nearest"] = nearest_parts.contact_force_vectors(one), nearest_parts.engaged_sprockets(one)
-    found["damage"] = fatigue.damage(tension, woehler)
+    found["damage"] = fatigue.miner_damage(tension, woehler)
     found["equivalent"] = fatigue.equivalent_range(tension, 5.0, 3.0)
     found["cycles"] = fatigue.count_links(tension[:, :3])
     found["impulses"] = [objectives.engagement_impulses(one, s) for s in range(3)]

@@ -19,7 +19,7 @@ from warpchain.assembly.summary import derive, strand_frequency
 from warpchain.cli.commands import _run_status_lines
 from warpchain.cli.parser import command_line_parser
 from warpchain.cli.shared_options import message_with_options
-from warpchain.cli.study_commands import study_notes
+from warpchain.cli.study_commands import study_setting_words
 from warpchain.drive import dumps_drive
 from warpchain.drive.examples import drive_path
 
@@ -284,7 +284,8 @@ def test_a_start_names_what_judges_it_and_gives_no_efficiency(capsys, tmp_path):
 def test_a_page_tells_settings_as_the_study_file_has_them(tmp_path):
     """TOML's words, not Python's."""
     (tmp_path / "study.toml").write_text('[design]\nkind = "sobol"\n[run]\nkeep_states = false\nwindow = [0.1, 0.3]\n')
-    assert study_notes(tmp_path) == {"design": 'kind = "sobol"', "run": "keep_states = false, window = [0.1, 0.3]"}
+    words = {"design": 'kind = "sobol"', "run": "keep_states = false, window = [0.1, 0.3]"}
+    assert study_setting_words(tmp_path) == words
 
 
 def test_commands_read_arguments_that_the_parser_knows():

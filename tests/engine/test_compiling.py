@@ -18,15 +18,15 @@ from warpchain import progress, run_study, simulate
 from warpchain.engine import compilation, gpu_kernels
 from warpchain.engine.compilation import KernelSpec, compile_in_processes, compile_job, compile_jobs, load_cpu_kernels
 from warpchain.engine.gpu import compile_missing_kernels
-from warpchain.engine.gpu_kernels import COLLECT_THREADS, GpuKernels
+from warpchain.engine.gpu_kernels import TALLY_SUM_THREADS, GpuKernels
 from warpchain.engine.pack import pack
 from warpchain.engine.settling import damp_arm_contacts, settling_ensemble
-from warpchain.kernels.gpu.statistics import collect_kernel
+from warpchain.kernels.gpu.statistics import tally_sum_kernel
 from warpchain.progress import StopRequest
 from warpchain.results.schedule import Schedule
 
 TELLS = "compiling kernels (first run of this kind of drive only): "
-COLLECT = [KernelSpec(collect_kernel, (real,), COLLECT_THREADS) for real in (wp.float64, wp.float32)]
+COLLECT = [KernelSpec(tally_sum_kernel, (real,), TALLY_SUM_THREADS) for real in (wp.float64, wp.float32)]
 
 
 @pytest.fixture
@@ -63,7 +63,7 @@ def test_a_process_compiles_what_the_caller_looks_for(cache, monkeypatch):
     assert {path.name for path in cache.iterdir()} == {job.path.parent.name for job in jobs}  # nothing unfinished
     assert not list(compile_jobs(COLLECT, "cuda:0"))
     for job in jobs:
-        options = job.spec.module.resolved_options[COLLECT_THREADS]
+        options = job.spec.module.resolved_options[TALLY_SUM_THREADS]
         assert not job.spec.module._compile(None, None, job.path.name, 90, False, options=options)  # Warp finds it
 
 

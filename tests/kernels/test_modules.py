@@ -17,7 +17,7 @@ from warpchain.kernels.cpu import advance
 from warpchain.kernels.gpu.block import block_kernel
 from warpchain.kernels.gpu.block_kinds import BlockKind, BlockShape, Parts
 from warpchain.kernels.gpu.relax import block_relax_kernel
-from warpchain.kernels.gpu.statistics import collect_kernel
+from warpchain.kernels.gpu.statistics import tally_sum_kernel
 from warpchain.kernels.physics import impact
 from warpchain.results.channels import DEFAULT_FRAME, FrameLayout, frame_with_channels
 
@@ -86,9 +86,9 @@ def test_another_version_of_warp_hashes_kernels_itself(monkeypatch):
 
 def test_no_compiler_contracts_the_kernels_of_gpus(monkeypatch):
     kind = BlockKind(wp.float64, BlockShape(32, 4), Parts(2, 1))
-    kernels = [block_kernel(kind, 4, DEFAULT_FRAME), block_relax_kernel(kind, 4), collect_kernel(wp.float64)]
+    kernels = [block_kernel(kind, 4, DEFAULT_FRAME), block_relax_kernel(kind, 4), tally_sum_kernel(wp.float64)]
     monkeypatch.setattr(wp, "__version__", "1.18.0")  # which hashes kernels itself
-    kernels.append(collect_kernel.__wrapped__(wp.float64))
+    kernels.append(tally_sum_kernel.__wrapped__(wp.float64))
     assert not any(kernel.module.options["fuse_fp"] for kernel in kernels)
     assert not isinstance(kernels[-1].module, modules._Module)
 

@@ -8,7 +8,7 @@ import pytest
 import warp as wp
 from own_kernels import kernel
 
-from warpchain.kernels.gpu.statistics import collect_kernel
+from warpchain.kernels.gpu.statistics import tally_sum_kernel
 from warpchain.kernels.number import Pair, PairVector, RecentSum
 from warpchain.kernels.precision import as_float32, as_float64
 from warpchain.kernels.statistics import NOTES
@@ -108,9 +108,8 @@ def test_every_sum_of_contacts_and_links_comes_back_from_the_tallies():
         setattr(tallies, name, wp.array(rows, dtype=dtype, device="cpu"))
     for name, var in Sums.vars.items():
         setattr(sums, name, wp.zeros(4 * NOTES, dtype=var.type.dtype, device="cpu"))
-    wp.launch(
-        collect_kernel(wp.float64), 1, inputs=[wp.array(drive, dtype=Drive, device="cpu"), tallies, sums], device="cpu"
-    )
+    inputs = [wp.array(drive, dtype=Drive, device="cpu"), tallies, sums]
+    wp.launch(tally_sum_kernel(wp.float64), 1, inputs=inputs, device="cpu")
     contact, chain, strand = (getattr(sums, name).numpy()[0] for name in ("contact", "chain", "strand"))
     assert {name: contact[name] for name in ContactSums.vars if contact[name] == 0} == {}
     assert {name: chain[name] for name in RollerTally.vars if chain[name] == 0} == {}

@@ -45,7 +45,7 @@ def test_a_limit_on_the_metric_itself_ranks_no_factor_and_says_what_is_lost():
     assert re.search(r"y: from .*?; a matters most, with 9\d %", words_of(fair))
     results = table_of(np.where(y > 1.5, "suspect", "ok"), a=a, b=b, y=y)
     left_out, words = LeftOut(results), words_of(results)
-    assert left_out.selects("y") and not LeftOut(fair).selects("y") and LeftOut(fair).lines() == []
+    assert left_out.is_unranked("y") and not LeftOut(fair).is_unranked("y") and LeftOut(fair).lines() == []
     lost = int((y > 1.5).sum())
     assert re.search(
         rf"{lost} of 61 variants are left out by their own results: {lost} variants, e.g. suspect, .*0\.2", words
@@ -77,12 +77,13 @@ def test_few_rows_at_the_end_of_a_factor_or_of_the_metric_are_not_chance():
     y, z = rng.standard_normal(100), rng.standard_normal(100)
     status = np.where(a > 0.965, "diverged", "ok")
     left_out = LeftOut(table_of(status, a=a, b=b, y=y))
-    assert left_out.left_out_rows.sum() == 4 and left_out.selects("y")
+    assert left_out.left_out_rows.sum() == 4 and left_out.is_unranked("y")
     assert [(part.factor, part.is_sure) for part in left_out.lost_parts] == [("a", True), ("b", False)]
     assert str(left_out.lost_parts[0]).startswith("a: 4 of 4 from 0.9697 to 1, 0 of 96 elsewhere")
     status = np.where(np.argsort(np.argsort(y)) > 95, "suspect", "ok")  # the four largest y, whatever a and b
     left_out = LeftOut(table_of(status, a=a, b=b, y=y, z=z))
-    assert left_out.selects("y") and not left_out.selects("z") and not any(part.is_sure for part in left_out.lost_parts)
+    assert left_out.is_unranked("y") and not left_out.is_unranked("z")
+    assert not any(part.is_sure for part in left_out.lost_parts)
 
 
 def test_chance_is_seldom_taken_for_a_cause():
@@ -92,7 +93,7 @@ def test_chance_is_seldom_taken_for_a_cause():
         a, b, rng = pairs_of(100, seed)
         status = np.full(100, "ok", dtype=object)
         status[rng.permutation(100)[:4]] = "suspect"
-        wrong += LeftOut(table_of(status, a=a, b=b, y=rng.standard_normal(100))).selects("y")
+        wrong += LeftOut(table_of(status, a=a, b=b, y=rng.standard_normal(100))).is_unranked("y")
     assert wrong <= 19
 
 

@@ -115,8 +115,8 @@ def test_a_share_is_not_told_where_each_group_has_one_variant():
     (effect,) = main_effects(nine, "y")
     between, within = 3 * sum((m - 23 / 9) ** 2 for m in (2 / 3, 7 / 3, 14 / 3)), 2.0
     assert effect.explained == pytest.approx(between / (between + within), rel=1e-12)  # round-off
-    assert effect.adjusted == pytest.approx(1.0 - within / (between + within) * 8 / 6, rel=1e-12)
-    assert f"explains {100.0 * effect.adjusted:.0f} %" in study_report_html(nine)
+    assert effect.adjusted_share == pytest.approx(1.0 - within / (between + within) * 8 / 6, rel=1e-12)
+    assert f"explains {100.0 * effect.adjusted_share:.0f} %" in study_report_html(nine)
 
 
 def test_scatter_and_effect_are_one_verdict():

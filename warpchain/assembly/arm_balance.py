@@ -302,6 +302,7 @@ class ArmBalance:
         model = self.plan.model
 
         def moment(angle: Any) -> Any:
+            """Moment on the arm at an angle [N m]."""
             course = self.plan.path_values([*angles[:a], angle, *angles[a + 1 :]])
             return self._own(angles, a, angle) + chain_moment(model, course, a, beyond, self._pivot(angles, a))
 

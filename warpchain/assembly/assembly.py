@@ -478,6 +478,7 @@ def _sagging_places(chord: Array, natural: Array, turning: Array, gravity: Array
     fraction = (np.cumsum(natural, axis=1) / natural.sum(axis=1, keepdims=True))[:, :-1]
 
     def part(axis: int) -> Array:
+        """Rollers' coordinates (V, links - 1) from the strand's start [m]."""
         bent = ahead * along[:, axis, None] + aside * off[:, axis, None]
         return np.where((whole == 0.0)[:, None], fraction * chord[:, axis, None], bent)
 

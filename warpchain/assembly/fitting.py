@@ -438,6 +438,7 @@ def _angle_goal(model: ChainModel, angle: Mapping[str, float]) -> PlacementGoal:
 
 
 def _wrap_goal(model: ChainModel, degrees: float, s: int) -> PlacementGoal:
+    """Goal of an angle of wrap around a sprocket; raises a DriveError for one outside 0 to 360 degrees."""
     if not 0.0 < degrees < 360.0:
         raise DriveError(f"wrap = {degrees:g}: must be above 0 and below 360 degrees")
     return PlacementGoal(

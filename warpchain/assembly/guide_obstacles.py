@@ -45,6 +45,7 @@ def turned_profile(profile: Profile, pivot: Point, angle: float) -> Profile:
         return profile
 
     def moved(piece: Piece) -> Piece:
+        """The piece turned about the pivot."""
         return replace(piece, start=rotated_place(pivot, piece.start, angle), heading=piece.heading + angle)
 
     return replace(profile, pieces=tuple(moved(piece) for piece in profile.pieces))

@@ -32,7 +32,7 @@ from warpchain.drive.stack_math import (
     is_true_somewhere,
     maximum,
     minimum,
-    numpy_sum,
+    pairwise_sum,
     rint,
     sqrt,
     table_of_columns,
@@ -284,8 +284,8 @@ class PathPlan:
         wrap = [w * (leave - arrive) % (2.0 * math.pi) for w, leave, arrive in turned]
         _check_wraps(self.model, wrap, [2.0 * math.pi / z for z in self.teeth])
         _check_clear(self, start, length, [k for k in strands if strings[k] is None])
-        wrapped = numpy_sum([angle * z for angle, z in zip(wrap, self.teeth, strict=True)]) / (2.0 * math.pi)
-        strain = _nominal_strain(self.model.chain.links, wrapped, numpy_sum(length) / self.pitch)
+        wrapped = pairwise_sum([angle * z for angle, z in zip(wrap, self.teeth, strict=True)]) / (2.0 * math.pi)
+        strain = _nominal_strain(self.model.chain.links, wrapped, pairwise_sum(length) / self.pitch)
         return PathValues(
             self.pitch, self.center, wrap, arriving, start, end, length, wrapped, strain, strings, tuple(met)
         )
@@ -297,7 +297,8 @@ class PathPlan:
             DriveError, UnlikeVariants: as `path_values`.
         """
         course, variants = self.path_values(arm_angle), self.variants
-        turns = rint(numpy_sum([w * angle for w, angle in zip(self.sign, course.wrap, strict=True)]) / (2.0 * math.pi))
+        turned = pairwise_sum([w * angle for w, angle in zip(self.sign, course.wrap, strict=True)])
+        turns = rint(turned / (2.0 * math.pi))
         arrival = [angle - w * (0.5 * math.pi) for angle, w in zip(course.arriving, self.sign, strict=True)]
         own = course.pitch, 2.0 * math.pi * turns, course.wrapped_pitches, course.nominal_strain
         pitch, turning, wrapped, strain = (np.broadcast_to(value, variants) for value in own)

@@ -114,6 +114,7 @@ def critical_speeds(model: ChainModel, path: ChainPath, strands: Strands, speed:
     chain, teeth = model.chain, model.sprockets[model.driver].teeth
 
     def critical(strand: str, frequency: float, revolution: float) -> dict[str, Any]:
+        """Row of a frequency [Hz], with the speeds that have it [rad/s]."""
         return {
             "strand": strand,
             "frequency": frequency,

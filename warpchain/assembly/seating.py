@@ -44,7 +44,7 @@ from warpchain.drive.stack_math import (
     is_true_somewhere,
     maximum,
     minimum,
-    numpy_sum,
+    pairwise_sum,
     pick_places,
     shared_value,
     sin,
@@ -98,6 +98,7 @@ class Seating:
         """Sets the seatings of some variants, in arrays of their own."""
 
         def put(column: Number, new: Number) -> Number:
+            """Copy of a column with new values of the chosen."""
             column = column.copy()
             column[chosen] = new
             return column
@@ -225,6 +226,7 @@ class Loop:
         """Keeps the lengths of links on strings found for some variants."""
 
         def put(old: Number, new: Number) -> Number:
+            """Column of all variants with new values of the chosen; a number stays one."""
             if not has_arrays(old, new):
                 return new
             column = np.array(np.broadcast_to(old, self.variants))
@@ -321,6 +323,7 @@ class Loop:
         return string if string.touches else None
 
     def _seat(self, s: int, polar: Number) -> tuple[Number, Number]:
+        """Place of a roller on sprocket s at a polar angle [m]."""
         radius, (x, y) = self.radius[s], unit_vector(polar)
         return self.x[s] + radius * x, self.y[s] + radius * y
 
@@ -398,7 +401,7 @@ class Loop:
         if not any(map(is_true_somewhere, short)):
             return
         sagging = [where(alone, 0.0, length) for alone, length in zip(short, lengths, strict=True)]
-        if is_true_somewhere(slack & (numpy_sum(sagging) == 0.0)):
+        if is_true_somewhere(slack & (pairwise_sum(sagging) == 0.0)):
             raise DriveError("chain.links: the chain is slack, but no strand has a second link with which to sag")
         if not has_arrays(slack):
             self._newton(seating, lengths, sagging)

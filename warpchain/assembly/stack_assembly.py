@@ -157,6 +157,7 @@ def _layout_values(model: ChainModel) -> dict[str, Any]:
     """Values of a drive's chain, sprockets, shafts and run that its layout depends on, by name."""
 
     def fields_of(part: Any, *names: str) -> dict[str, Any]:
+        """Values of a part by name."""
         return {name: getattr(part, name) for name in names}
 
     lengths: tuple[str, ...] = "pitch", "links", "elongation", "worn_links", "play", "roller_radius"

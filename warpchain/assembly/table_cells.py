@@ -214,14 +214,15 @@ def _cells_over_time(over: Array, speed: Array, slopes: Array | None, period: fl
     node, weight = np.polynomial.legendre.leggauss(5)
     half = 0.5 * np.diff(phi)[:, None]
 
-    def omega(angle: Array) -> tuple[Array, Array]:
+    def speed_and_slope(angle: Array) -> tuple[Array, Array]:
+        """Speed Omega [rad/s] at angles [rad], and its slope over the angle [1/s]."""
         return hermite(over, speed, slopes, begin + np.mod(angle - begin, period))
 
     inside = phi[:-1, None] + half * (1.0 + node)
-    time = np.append(0.0, np.cumsum((half * weight / omega(inside)[0]).sum(axis=1)))
+    time = np.append(0.0, np.cumsum((half * weight / speed_and_slope(inside)[0]).sum(axis=1)))
     cells = min(MOST_CELLS, max(1024, len(phi)))
-    at, _ = hermite(time, phi, omega(phi)[0], np.linspace(0.0, time[-1], cells + 1))
-    value, slope = omega(at)
+    at, _ = hermite(time, phi, speed_and_slope(phi)[0], np.linspace(0.0, time[-1], cells + 1))
+    value, slope = speed_and_slope(at)
     value[-1] = value[0]
     spacing = float(time[-1]) / cells
     coefficients = _cell_coefficients(value, value * slope * spacing)

@@ -291,7 +291,7 @@ def study_report_command(arguments: argparse.Namespace) -> int:
     path, results = _read_study_table(arguments)
     if arguments.study.is_dir() and results.search_target == "failures":
         return _write_risk_report(arguments, results)
-    notes = study_notes(path.parent)
+    notes = study_setting_words(path.parent)
     if arguments.recorded or arguments.fatigue is not None:
         from warpchain.results.fatigue import Woehler
         from warpchain.study.run.recordings import results_with_objectives
@@ -408,8 +408,8 @@ def study_table_path(source: Path) -> Path:
     raise StudyError(f"{source}: holds no {TABLE_NAMES[0]} yet; make it with: warpchain study merge {source}")
 
 
-def study_notes(folder: Path) -> dict[str, str]:
-    """Name, design and run settings of a study's folder, in words by heading; {} where it has none."""
+def study_setting_words(folder: Path) -> dict[str, str]:
+    """Name, design and run of a folder's study file, in words by heading; {} without one."""
     from warpchain.drive.toml import value_text
     from warpchain.study.spec.study_tables import fields_from_file
 

@@ -105,6 +105,7 @@ def _farthest_sample(samples: NDArray[np.float64], headings: NDArray[np.float64]
     """Last sample that one pair of arcs from sample `a` reaches within the tolerance."""
 
     def follows(b: int) -> bool:
+        """Whether a pair of arcs to sample `b` keeps the tolerance."""
         if abs(headings[b] - headings[a]) > 0.5 * math.pi:
             return False
         return _largest_deviation(_biarc_of_samples(samples, headings, a, b), samples[a : b + 1]) <= tolerance

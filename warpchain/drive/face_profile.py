@@ -65,6 +65,7 @@ def unit_vector(heading: Any) -> tuple[Any, Any]:
 
 
 def _sinc(angle: Any) -> Any:
+    """sin(x) / x of an angle, or of a stack's; 1 at 0."""
     if not has_arrays(angle):
         return math.sin(angle) / angle if angle else 1.0
     safe = where(angle == 0.0, 1.0, angle)
@@ -333,4 +334,5 @@ def arc_face(circles: Sequence[tuple[Point, float, float, float]]) -> tuple[Piec
 
 
 def _long_pieces(pieces: Iterable[Piece]) -> tuple[Piece, ...]:
+    """Pieces longer than `SHORTEST`."""
     return tuple(piece for piece in pieces if piece.length > SHORTEST)

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from warpchain.drive.motion_table import MOST_ROWS, TURN_TOLERANCE, PlaceTable
-from warpchain.drive.quantities import equivalent_units, unit_factor, unit_of_text
+from warpchain.drive.quantities import equivalent_units, unit_factor, unit_from_text
 from warpchain.drive.text_table import Head, TableError, TextTable, column_place, options_as_keys, read_text_table
 from warpchain.drive.toml import value_text
 from warpchain.drive.valves import LiftTable
@@ -117,6 +117,7 @@ def _check_file_keys(table: Mapping[str, Any], allowed: FileColumns, is_lift: bo
 
 
 def _is_count(value: Any) -> bool:
+    """Whether a value may count lines of a file."""
     return isinstance(value, int) and not isinstance(value, bool) and 1 <= value <= MOST_ROWS
 
 
@@ -148,7 +149,7 @@ def _places(found: TextTable, allowed: FileColumns) -> dict[str, int]:
     for k, (key, head) in enumerate(zip(found_keys, found.heads, strict=True)):
         column = f"line {found.line}: column #{k + 1}, {value_text(str(head)) if head.name else 'without a name'},"
         if not key:
-            nor = ", nor is its unit" if head.unit and unit_of_text(head.unit) is None else ""
+            nor = ", nor is its unit" if head.unit and unit_from_text(head.unit) is None else ""
             raise TableError(f"{column} is not known{nor}; must be {allowed}; {example}")
         if places[key] != k:
             both = f"columns #{places[key] + 1}, {found.heads[places[key]]}, and #{k + 1}, {head}, are both {key}"

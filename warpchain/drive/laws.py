@@ -95,6 +95,7 @@ def law_factor(name: str, restitution: float, means: Means = "parameter") -> flo
 
 @lru_cache(maxsize=4096)
 def _cached_law_factor(name: str, restitution: float, means: Means) -> float:
+    """Factor of a contact law for one restitution [-]."""
     law = LAWS[name]
     if means == "parameter" or restitution == 1.0:
         return law.factor(restitution)

@@ -26,6 +26,7 @@ def _part_fields(cls: type[Part]) -> Mapping[str, type[Part]]:
     """Fields that hold parts or lists of parts, with the first class of each."""
 
     def search(source: Any) -> Iterator[type[Part]]:
+        """Parts that an annotation names."""
         if isinstance(source, type) and issubclass(source, Part):
             yield source
         for inner in get_args(source):
@@ -105,6 +106,7 @@ def settable_paths(part: Part) -> Iterator[str]:
 
 
 def _settable_below(cls: type[Part], part: Part | None, above: str) -> Iterator[str]:
+    """Key paths below the path `above` of a part, or of a class of parts."""
     for key in cls.model_fields:
         path, value = above + key, node_value(part, key)
         yield path
@@ -183,6 +185,7 @@ def changed_part(part: PartType, values: Mapping[str, Any]) -> PartType:
 
 
 def python_number(value: Any) -> Any:
+    """A number of numpy as one of Python; other values stay."""
     return value.item() if type(value).__module__ == "numpy" and getattr(value, "ndim", 1) == 0 else value
 
 

@@ -77,8 +77,8 @@ def match_quantity(text: str) -> re.Match[str] | None:
 
 
 @cache
-def unit_of_text(text: str) -> Unit | None:
-    """Unit that a text such as "N s/m" means; None for none."""
+def unit_from_text(text: str) -> Unit | None:
+    """Unit, its powers and factor, that a text such as "N s/m" names; None for another text."""
     if len(text) > LONGEST:
         return None
     text = re.sub(r"[ *]+|(?<=[A-Za-z])\.(?=[A-Za-z])", "·", text.strip().translate(_SIGNS))
@@ -109,12 +109,12 @@ def attribute_descriptions(kind: type) -> dict[str, str]:
 def unit_of_key(kind: type, key: str) -> str:
     """Unit of a part's key in its docstring's brackets; "" for none."""
     named = re.search(r"\[([^\]]+)\]", attribute_descriptions(kind).get(key, ""))
-    return named[1] if named and unit_of_text(named[1]) else ""
+    return named[1] if named and unit_from_text(named[1]) else ""
 
 
 def equivalent_units(wanted: str) -> Iterator[str]:
     """Signs of units for the same quantity, `wanted` first."""
-    powers = (unit_of_text(wanted) or ONE).powers
+    powers = (unit_from_text(wanted) or ONE).powers
     yield from dict.fromkeys(
         [wanted, *(name for name, one in UNITS.items() if one.powers == powers and name.isascii())]
     )
@@ -122,7 +122,7 @@ def equivalent_units(wanted: str) -> Iterator[str]:
 
 def unit_factor(given: str, wanted: str) -> float | None:
     """Factor from one unit to another; None where they differ in kind."""
-    one, other = unit_of_text(given), unit_of_text(wanted)
+    one, other = unit_from_text(given), unit_from_text(wanted)
     if one is None or other is None or one.powers != other.powers:
         return None
     return float(one.factor / other.factor) * math.pi ** (one.pi - other.pi)
@@ -130,8 +130,8 @@ def unit_factor(given: str, wanted: str) -> float | None:
 
 def converted_number(text: str, wanted: str) -> float | None:
     """Number of a quantity in a unit, infinite beyond floats; None for a unit of another kind."""
-    match, to = match_quantity(text), unit_of_text(wanted)
-    given = unit_of_text(match[2]) if match else None
+    match, to = match_quantity(text), unit_from_text(wanted)
+    given = unit_from_text(match[2]) if match else None
     if match is None or to is None or given is None or given.powers != to.powers:
         return None
     exact = Fraction(match[1]) * given.factor / to.factor

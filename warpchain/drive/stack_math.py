@@ -152,8 +152,8 @@ def where(condition: Any, yes: Any, no: Any) -> Any:
     return np.where(condition, yes, no)
 
 
-def numpy_sum(values: Sequence[Any]) -> Any:
-    """Sum of values in numpy's order: pairwise from eight on."""
+def pairwise_sum(values: Sequence[Any]) -> Any:
+    """Sum of numbers, or of arrays at each place, as numpy adds: pairwise from eight on."""
     return reduce(add, values) if len(values) < _PAIRWISE_COUNT else array_of_columns(values).sum(axis=-1)
 
 

@@ -17,7 +17,7 @@ from itertools import takewhile
 from pathlib import Path
 from typing import NamedTuple
 
-from warpchain.drive.quantities import SECOND, unit_of_text
+from warpchain.drive.quantities import SECOND, unit_from_text
 from warpchain.drive.schema import HUGE
 from warpchain.drive.toml import value_text
 from warpchain.errors import WarpchainError
@@ -226,13 +226,13 @@ def head_of_cell(cell: str) -> Head:
     text = " ".join(cell.split())
     if len(text) > LONGEST_HEAD:
         return Head(text)
-    if unit_of_text(text):
+    if unit_from_text(text):
         return Head(text, text)
     if found := re.fullmatch(r"(.*?)\s*(?:\[([^\[\]]*)\]|\(([^()]*)\))", text):
         its = (found[2] or found[3] or "").strip()
         return Head(found[1] or its, its)
     for form in _WITH_UNIT:
-        if (found := form.fullmatch(text)) and (its := unit_of_text(found[2])):
+        if (found := form.fullmatch(text)) and (its := unit_from_text(found[2])):
             if its.powers == SECOND and "/" in text and found[1] not in TIME_NAMES:
                 return Head(text, text)  # not n in minutes, but a number a minute
             return Head(found[1], found[2])
@@ -394,7 +394,8 @@ def _names_place(block: list[Row], wide: list[int], names: frozenset[str]) -> in
     said = [i for i in wide if _says_names(block[i].cells, names) and not _is_unit_row(block[i].cells)]
     if said:
         return said[-1]
-    units = [i for i, row in enumerate(block) if any(unit_of_text(_cell_without_brackets(cell)) for cell in row.cells)]
+    bare = [[_cell_without_brackets(cell) for cell in row.cells] for row in block]
+    units = [i for i, cells in enumerate(bare) if any(map(unit_from_text, cells))]
     if units:
         return next((i for i in reversed(wide) if i < units[-1]), wide[-1])
     if len(wide) == 1:
@@ -406,16 +407,17 @@ def _names_place(block: list[Row], wide: list[int], names: frozenset[str]) -> in
 def _says_names(cells: list[str], names: frozenset[str]) -> bool:
     """Whether a line has a known name, or one with a unit."""
     heads = [head_of_cell(cell) for cell in cells]
-    return any(head.name.lower() in names or (unit_of_text(head.unit) and head.unit != head.name) for head in heads)
+    return any(head.name.lower() in names or (unit_from_text(head.unit) and head.unit != head.name) for head in heads)
 
 
 def _is_unit_row(cells: list[str]) -> bool:
     """Whether all cells of a line are units."""
     bare = [_cell_without_brackets(cell) for cell in cells if cell]
-    return all(unit_of_text(cell) or cell in ("1", "") for cell in bare)
+    return all(unit_from_text(cell) or cell in ("1", "") for cell in bare)
 
 
 def _cell_without_brackets(cell: str) -> str:
+    """Text of a cell without brackets around it."""
     return cell.strip(" []()")
 
 

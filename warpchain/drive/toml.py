@@ -66,6 +66,7 @@ def _toml_key(key: str) -> str:
 
 
 def _quoted_text(text: str) -> str:
+    """A text in TOML's quotes."""
     return json.dumps(text, ensure_ascii=False).replace("\x7f", "\\u007f")
 
 

@@ -107,11 +107,13 @@ def half_gap_outline(tooth: Tooth, teeth: int, pitch_radius: float, arc_points: 
     inward = np.array([math.cos(half_seat), -math.sin(half_seat)])
 
     def flank(length: float) -> NDArray[np.float64]:
+        """Point of the flank at a length from the seat [m]."""
         turn = curvature * length
         bend = 2.0 * math.sin(0.5 * turn) ** 2 / curvature if curvature else 0.0
         return seat[-1] + (math.sin(turn) / curvature if curvature else length) * outward - bend * inward
 
     def beyond(length: float) -> bool:
+        """Whether the flank is past the tip or the next tooth there."""
         x, y = flank(length)
         return math.hypot(x, y) >= tooth.tip_radius or math.atan2(y, x) >= half_pitch
 

@@ -201,6 +201,7 @@ def _carried_part_rules(drive: Any, names: Sequence[str]) -> Iterator[Problem]:
 
 
 def _ratio_text(ratio: Fraction) -> str:
+    """Words for a speed ratio and its sense."""
     size = f"{float(abs(ratio)):.6g} times as fast"
     return size if ratio > 0 else f"{size}, the other way round,"
 

@@ -39,6 +39,7 @@ def load_cpu_kernels(modules: Sequence[Any], report: ProgressReport) -> Iterator
         loads = last_first[::-1]
 
         def wait_for(some: Sequence[Future[Any]]) -> None:
+            """Waits for some of the modules, reporting progress; raises their errors."""
             going = True
             while going:
                 going = bool(wait(some, timeout=POLL_INTERVAL).not_done)

@@ -71,6 +71,7 @@ class CpuEngine(Engine):
         group = max(1, -(-(end - begin) // (8 * self.workers)))
 
         def work(first: int) -> None:
+            """Launches the kernel over a group of variants from `first` on."""
             scratch = self._scratch.get()
             try:
                 count = min(group, end - first)

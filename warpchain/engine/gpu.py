@@ -29,7 +29,7 @@ from warpchain.engine.arrays import (
     upload_state,
 )
 from warpchain.engine.compilation import compile_in_processes, compile_jobs
-from warpchain.engine.gpu_kernels import COLLECT_THREADS, ROLLER_CAPACITIES, Bucket, GpuKernels, global_memory_values
+from warpchain.engine.gpu_kernels import ROLLER_CAPACITIES, TALLY_SUM_THREADS, Bucket, GpuKernels, global_memory_values
 from warpchain.engine.launches import (
     LAUNCH_PARTS,
     STEP_UNIT,
@@ -43,7 +43,7 @@ from warpchain.engine.packed_ensemble import PackedEnsemble
 from warpchain.errors import DeviceError, SimulationError
 from warpchain.kernels import relaxation
 from warpchain.kernels.gpu.block_structs import BITS
-from warpchain.kernels.gpu.statistics import collect_kernel
+from warpchain.kernels.gpu.statistics import tally_sum_kernel
 from warpchain.progress import ProgressReport, StopRequest
 
 OLDEST_ARCHITECTURE = 70
@@ -189,6 +189,7 @@ class GpuEngine(GpuKernels, Engine):
         self._settling_states: NDArray[Any] = np.zeros(0)
 
     def _explain_failures(self) -> AbstractContextManager[None]:
+        """Context that turns the GPU's errors into those of the package."""
         return explain_gpu_failures(self.device, self.packed.variants)
 
     def _load_kernels(self, *names: str) -> None:
@@ -293,8 +294,8 @@ class GpuEngine(GpuKernels, Engine):
             for name in ARRAYS["sums"]:
                 wp.copy(getattr(sums, name), getattr(self.gpu_sums, name))
             inputs = [self.ensemble.drives, self.tallies, sums]
-            kernel = collect_kernel(self.packed.real)
-            wp.launch(kernel, self.packed.variants, inputs=inputs, device=self.device, block_dim=COLLECT_THREADS)
+            kernel = tally_sum_kernel(self.packed.real)
+            wp.launch(kernel, self.packed.variants, inputs=inputs, device=self.device, block_dim=TALLY_SUM_THREADS)
             return {name: device_values(getattr(sums, name), "sums", name, self.packed.real) for name in ARRAYS["sums"]}
 
     def changing_structs(self) -> dict[str, Any]:

@@ -19,7 +19,7 @@ from warpchain.kernels.gpu.block import block_kernel
 from warpchain.kernels.gpu.block_kinds import DECLARED, WARP, BlockKind, BlockShape, Friction, Parts
 from warpchain.kernels.gpu.relax import block_relax_kernel
 from warpchain.kernels.gpu.shared_memory import block_memory, launch_bytes_per_block
-from warpchain.kernels.gpu.statistics import collect_kernel
+from warpchain.kernels.gpu.statistics import tally_sum_kernel
 
 ROLLER_CAPACITIES = (32, 64, 96, 128, 160, 192, 256, 320, 384, 512, 640, 768, 896, 1024)
 """Rollers that GPU blocks hold."""
@@ -42,7 +42,7 @@ FULL_WITH_METRICS = 7
 FULL_AT_FLOAT32 = 15
 """Variants of a block with oil at float32."""
 
-COLLECT_THREADS = 256
+TALLY_SUM_THREADS = 256
 """Threads of a block that adds up tallies."""
 
 CAM_STEP = 8
@@ -324,4 +324,4 @@ class GpuKernels:
         """Specifications of GPU kernels by name, by default of steps."""
         made = [self._bucket_kernel(name, of) for name in names or self._names for of in self.buckets_of_kernel(name)]
         blocks = [of.spec for of in made]
-        return blocks if names else [*blocks, KernelSpec(collect_kernel, (self.packed.real,), COLLECT_THREADS)]
+        return blocks if names else [*blocks, KernelSpec(tally_sum_kernel, (self.packed.real,), TALLY_SUM_THREADS)]

@@ -170,6 +170,7 @@ class SubensembleQueue:
         """
 
         def note(phase: str, done: float, total: float) -> None:
+            """Notes a subensemble's progress, for the report of all."""
             if phase == "simulating":
                 self._done[number] = max(self._done[number], done)
             if phase == COMPILING and done < total:

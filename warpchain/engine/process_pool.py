@@ -53,6 +53,7 @@ def map_in_processes(
         idle.put(process)
 
     def ask(thing: Any) -> Any:
+        """Result of the work on a thing, by an idle process."""
         process = idle.get()
         assert process.stdin is not None
         assert process.stdout is not None

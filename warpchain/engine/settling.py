@@ -125,6 +125,7 @@ def settle_variants(
     engine = make_engine(device, still, cores)
 
     def done() -> tuple[float, float]:
+        """Drives settled so far, and all."""
         now = engine.settling_states()
         return float(np.where(now["settled"], 1.0, now["steps"] / SETTLE_LIMIT)[wanted].sum()), float(wanted.sum())
 

@@ -148,6 +148,7 @@ def simulate(
     with recording.open_archive(chosen, info) as writer:
 
         def make_recorders(part: Subensemble) -> tuple[Recorder, StateKeeper | None]:
+            """Recorder of a subensemble, and keeper of its states, if any."""
             return part.make_recorder(recording, len(chosen), writer), part.make_state_keeper(kept, settings)
 
         with progress_reporter(progress) as report, interruptible_work() as stop:

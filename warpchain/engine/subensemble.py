@@ -168,6 +168,7 @@ class Subensemble:
         settling, of = (models, stacks) if keeper is None else (keeper.drives_to_settle(), None)
 
         def settle_on(futures: list[Future[None]], done: Callable[[], tuple[float, float]]) -> bool:
+            """Waits for settling's launch; returns whether to go on."""
             _wait_for_launch(futures, stop, lambda: report("settling", *done()))
             return not stop.is_asked
 
@@ -224,19 +225,20 @@ def _metric_blocks(
     """Metrics of a subensemble's variants, from their rows' sums."""
     chains = np.diff(begins)
 
-    def parts_of(variants: NDArray[np.intp]) -> list[ChainEnds]:
+    def chain_ends(variants: NDArray[np.intp]) -> list[ChainEnds]:
+        """Ends and sums of each chain of variants that have as many."""
         found = [begins[variants] + c for c in range(int(chains[variants[0]]))]
         return [(rows.select_variants(mine), split_sums(*sums, mine)) for mine in found]
 
-    return [(numbers[variants], columns) for variants, columns in metric_blocks(ended, parts_of)]
+    return [(numbers[variants], columns) for variants, columns in metric_blocks(ended, chain_ends)]
 
 
-def _wait_for_launch(futures: list[Future[None]], stop: StopRequest, tick: Callable[[], None]) -> None:
-    """Waits for a launch, calling `tick`, or cancels it."""
+def _wait_for_launch(futures: list[Future[None]], stop: StopRequest, report_state: Callable[[], None]) -> None:
+    """Waits for a launch, reporting its state, or cancels what has not begun."""
     pending = set(futures)
     while pending:
         _, pending = wait(pending, timeout=0.1)
-        tick()
+        report_state()
         if stop.is_asked:
             for future in pending:
                 future.cancel()
@@ -262,7 +264,8 @@ def _launch_all_steps(
     batched = bool(np.isfinite(batch_durations(drives, LONG_BATCHES)).any())
     taken: tuple[Any, Any, Any] | None = None
 
-    def tick() -> None:
+    def report_simulated_time() -> None:
+        """Reports simulated time of all variants [s], by their rollers' steps."""
         state = engine.progress()
         done = np.where(state["diverged"] == 1, last + 1, state["step"])
         report("simulating", simulated * (float((done * rollers).sum()) / total), simulated)
@@ -275,7 +278,7 @@ def _launch_all_steps(
             _import_ahead()
         if taken is not None:
             recorder.take_frames(taken[0].numpy(), *taken[1:])
-        _wait_for_launch(futures, stop, tick)
+        _wait_for_launch(futures, stop, report_simulated_time)
         after = engine.progress()
         if keeper is not None:
             keeper.keep_due_states(engine, after)

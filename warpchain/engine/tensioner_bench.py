@@ -127,6 +127,7 @@ def shake_tensioner(
     wp.load_module(shake_plungers.module, device="cpu")  # before any thread launches it
 
     def ride(first: int) -> None:
+        """Shakes the plunger of one row."""
         wp.launch(shake_plungers, dim=1, inputs=[*given, first, values, sums], device="cpu")
 
     with (

@@ -54,7 +54,7 @@ def _rows_by_variant(values: NDArray[Any], begin: NDArray[np.integer], count: in
 
 
 def _add_late_work(found: dict[str, Any], packed: PackedEnsemble, drive: Any) -> None:
-    """Subtracts the bodies' late work (`physics.body.late_power`) from contacts' dissipation.
+    """Subtracts the bodies' late work (`physics.body.late_contact_power`) from contacts' dissipation.
 
     Of an arm it goes to the first guide, else sprocket, that it carries.
     """
@@ -117,6 +117,7 @@ def batch_sums(notes: NDArray[Any], totals: NDArray[Any]) -> SumFields:
     """
 
     def batches(name: str) -> NDArray[Any]:
+        """Sums (..., batches) of a field over each batch."""
         noted, total = np.moveaxis(notes[name], totals.ndim, 0), totals[name]
         found = np.empty((*totals.shape, len(noted) + 1, *total.shape[totals.ndim :]), dtype=total.dtype)
         each = np.moveaxis(found, totals.ndim, 0)

@@ -71,6 +71,7 @@ def _nearest_eigenpairs(m: sp.csc_array, c: sp.csc_array, k: sp.csc_array, count
     drag = (c + EIGENVALUE_SHIFT * m).tocsr()
 
     def apply(vector: Array) -> Array:
+        """The shifted, inverted pencil times a vector (2 n,)."""
         first, second = vector[:n], m @ vector[n:]
         x = -factor.solve(second + drag @ first)
         return np.concatenate([x, first + EIGENVALUE_SHIFT * x])

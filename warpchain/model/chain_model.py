@@ -58,6 +58,7 @@ class ChainModel:
 
     @property
     def links(self) -> int:
+        """Number of links."""
         return self.chain.links
 
     @property
@@ -171,6 +172,7 @@ class ChainModel:
         return None if name is None else self.arm_index(name)
 
     def guides_of(self, a: int) -> tuple[int, ...]:
+        """Indices of guides on an arm."""
         return tuple(g for g, guide in enumerate(self.guides) if guide.arm == self.arms[a].name)
 
     def carrier(self, s: int) -> int | None:
@@ -184,6 +186,7 @@ class ChainModel:
         return None if name is None else self.arm_index(name)
 
     def arms_on(self, a: int) -> tuple[int, ...]:
+        """Indices of arms on an arm."""
         return tuple(k for k, arm in enumerate(self.arms) if arm.arm == self.arms[a].name)
 
     def masses_on(self, a: int) -> list[tuple[float, tuple[float, float]]]:
@@ -198,6 +201,7 @@ class ChainModel:
         return None if arm is None else self.arms[arm].pivot_table
 
     def sprockets_on(self, a: int) -> tuple[int, ...]:
+        """Indices of sprockets on an arm."""
         return tuple(s for s in range(len(self.sprockets)) if self.carrier(s) == a)
 
     def center_lever(self, s: int) -> float:

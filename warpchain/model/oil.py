@@ -82,6 +82,7 @@ def static_pressure(tensioner: Tensioner) -> Any:
 
 @lru_cache(maxsize=1024)
 def _single_static_pressure(tensioner: Tensioner) -> float:
+    """Oil pressure at rest of one tensioner [Pa], by halving."""
     oil = tensioner.oil
     assert oil is not None
     if tensioner.is_drained:

@@ -74,6 +74,7 @@ def stacks_of_drives(drives: Sequence[Of], largest: int = LARGEST_STACK) -> list
 
 
 def split_stack(stack: Stack[Of], largest: int = LARGEST_STACK) -> Iterator[Stack[Of]]:
+    """Parts of a stack of at most `largest` variants; a smaller one is itself."""
     count = len(stack.members)
     for part in (slice(begin, begin + largest) for begin in range(0, count, largest)):
         yield stack if count <= largest else Stack(stack.members[part], pick_variants(stack.one, part))
@@ -187,6 +188,7 @@ class _ColumnStacker:
         return column
 
     def _note_difference(self, kinds: Sequence[Hashable]) -> None:
+        """Notes by what variants (V,) differ in kind."""
         self.kinds.append(kinds)
 
 
@@ -269,6 +271,7 @@ def variants_of_either(chosen: NDArray[np.bool_], one: Any, other: Any) -> Any:
 
 
 def _tuple_if_changed(old: tuple[Any, ...], new: tuple[Any, ...]) -> tuple[Any, ...]:
+    """The new tuple, or the old one where all items are the same objects."""
     return old if all(a is b for a, b in zip(old, new, strict=True)) else new
 
 
@@ -306,6 +309,7 @@ def first_refused_variant(stack: Stack[Of], attempt: Callable[[Of], object]) -> 
     begin, end = 0, len(stack.members)
 
     def refusal(end: int) -> DriveError | None:
+        """Error of the variants from `begin` to `end`; None where they pass."""
         try:
             attempt(pick_variants(stack.one, slice(begin, end)))
         except DriveError as error:

@@ -36,6 +36,7 @@ def motion_from_start_phase(model: Any, turned: Sprocket | Shaft, motion: Turnin
         return motion
 
     def angle(part: Harmonic | Table) -> Any:
+        """Angle that the start gives what is stated over a shaft's turns [rad]."""
         return start_phase_angle(model, turned.name if part.shaft is None else part.shaft)
 
     changes: dict[str, Any] = {}

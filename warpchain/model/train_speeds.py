@@ -99,7 +99,7 @@ def driver_top_speed(model: Any) -> Any:
     early = one.net_moment(grid[1:-1]) <= 0.0
     first = early.argmax(axis=0)
     high = where(
-        early.any(axis=0), _balanced_speed(one, _rows_of_columns(grid, first), _rows_of_columns(grid, first + 1)), high
+        early.any(axis=0), _balanced_speed(one, _values_at_rows(grid, first), _values_at_rows(grid, first + 1)), high
     )
     for _ in range(RUN_UP_ROUNDS):
         high = _speed_within_time(one, low, high, duration)
@@ -127,15 +127,15 @@ def _speed_within_time(one: LumpedDrive, low: Any, high: Any, duration: Any) -> 
     time = np.concatenate([np.zeros_like(time[:1]), time])
     late = time[1:] > given
     cell = late.argmax(axis=0)
-    begin, end = _rows_of_columns(time, cell), _rows_of_columns(time, cell + 1)
+    begin, end = _values_at_rows(time, cell), _values_at_rows(time, cell + 1)
     share = (given - begin) / where(end > begin, end - begin, 1.0)
-    found = _rows_of_columns(grid, cell) + share * (_rows_of_columns(grid, cell + 1) - _rows_of_columns(grid, cell))
+    found = _values_at_rows(grid, cell) + share * (_values_at_rows(grid, cell + 1) - _values_at_rows(grid, cell))
     # a balance is only approached: nearer than a cell counts as there
     return where(where(one.net_moment(high) <= 0.0, late[:-1].any(axis=0), late.any(axis=0)), found, high)
 
 
-def _rows_of_columns(rows: Any, at: Any) -> Any:
-    """A number in each column's row (N,) or (N, V)."""
+def _values_at_rows(rows: Any, at: Any) -> Any:
+    """Values of a table (N,) at a row, or of a table (N, V) at a row of each column (V,)."""
     import numpy as np
 
     return rows[at] if rows.ndim == 1 else rows[at, np.arange(rows.shape[1])]

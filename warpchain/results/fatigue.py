@@ -66,8 +66,8 @@ def count_links(tension: ArrayLike) -> list[Array]:
     return [np.array(found, dtype=float).reshape(-1, 3) for found in columns]
 
 
-def damage(tension: ArrayLike, woehler: Woehler, cycles: Sequence[Array] | None = None) -> Array:
-    """Miner damage (L,) of links, (a); 1 is failure.
+def miner_damage(tension: ArrayLike, woehler: Woehler, cycles: Sequence[Array] | None = None) -> Array:
+    """Miner damage (L,) of a chain's links by cycles of their tension, (a); 1 is failure.
 
     Args:
         tension: (F, L) of links [N].

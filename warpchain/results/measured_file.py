@@ -142,7 +142,7 @@ def _unit_factor(path: str | Path, what: str, given: str, si: str, hint: str) ->
         SimulationError: no such unit, or one of another kind.
     """
     found, fit = quantities.unit_factor(given, si), ", ".join(quantities.equivalent_units(si))
-    if found is None and quantities.unit_of_text(given) is None:
+    if found is None and quantities.unit_from_text(given) is None:
         raise SimulationError(
             f"{path}: {what} has the unit {given!r}: allowed are {fit}, and products of units; {hint}"
         )

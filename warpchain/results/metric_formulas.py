@@ -351,6 +351,7 @@ def rated_use(of: DesignInputs) -> VariantValues:
     moves = speed != 0.0
 
     def rated(model: ChainModel, speed: Any) -> Any:
+        """Rated power [W] at the driver's speed [rad/s]."""
         teeth = model.sprockets[smallest_driven(model)].teeth
         assert model.chain.size is not None  # the metric's own condition
         return rated_power(model.chain.size, teeth, speed * model.sprockets[model.driver].teeth / teeth).least

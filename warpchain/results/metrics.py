@@ -341,12 +341,16 @@ def metrics_of_chains(prefixes: Sequence[str], parts: Sequence[ChainEnds]) -> Co
 
 
 def metric_blocks(
-    ended: VariantEnds[Drive], parts_of: Callable[[NDArray[np.intp]], Sequence[ChainEnds]]
+    ended: VariantEnds[Drive], ends_of_chains: Callable[[NDArray[np.intp]], Sequence[ChainEnds]]
 ) -> ColumnBlocks:
-    """Metric columns of all variants, in blocks."""
+    """Metric columns of all variants, in blocks.
+
+    Args:
+        ends_of_chains: ends and sums of each chain of some variants.
+    """
     found: ColumnBlocks = []
     for variants in _split_variants(variants_by_columns(ended.drives, ended.stacks)):
-        parts, prefixes = parts_of(variants), ended.drives[variants[0]].chain_prefixes
+        parts, prefixes = ends_of_chains(variants), ended.drives[variants[0]].chain_prefixes
         alone = len(parts) == 1
         found.append((variants, metrics_of_variants(*parts[0]) if alone else metrics_of_chains(prefixes, parts)))
     return found

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from warpchain.errors import SimulationError
 from warpchain.results.chains import chain_trajectories
-from warpchain.results.fatigue import Woehler, count_links, damage, equivalent_range
+from warpchain.results.fatigue import Woehler, count_links, equivalent_range, miner_damage
 from warpchain.results.nearest_parts import engaged_sprockets
 from warpchain.results.run import Run, Trajectory, require_channels
 from warpchain.results.signals import transmission_error
@@ -103,7 +103,7 @@ def _fatigue_objectives(part: Trajectory, woehler: Woehler) -> Row:
     (tension,) = require_channels(part, "tension")
     seconds = float(part.time[-1] - part.time[0])
     cycles = count_links(tension)
-    found = damage(tension, woehler, cycles)
+    found = miner_damage(tension, woehler, cycles)
     row = {
         "damage_per_hour_max": float(found.max()) * 3600.0 / seconds,
         "damage_per_hour_mean": float(found.mean()) * 3600.0 / seconds,

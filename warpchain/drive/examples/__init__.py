@@ -11,6 +11,7 @@ FOLDER = Path(__file__).parent
 
 
 def example_names() -> tuple[str, ...]:
+    """Names of the example drives, sorted."""
     return tuple(sorted(path.stem for path in FOLDER.glob("*.toml")))
 
 

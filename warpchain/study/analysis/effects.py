@@ -72,8 +72,8 @@ class Effect:
         return float(fdtrc(between, within, self._f_ratio()))
 
     @property
-    def adjusted(self) -> float:
-        """Part explained by the factor, less chance (Ezekiel 1930)."""
+    def adjusted_share(self) -> float:
+        """Share of the metric's variance that the factor explains, less what chance would (Ezekiel 1930)."""
         freedom = self.row_count - len(self.counts)
         return max(0.0, 1.0 - (1.0 - self.explained) * (self.row_count - 1) / freedom) if freedom > 0 else float("nan")
 

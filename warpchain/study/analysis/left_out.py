@@ -75,8 +75,8 @@ class LeftOut:
         """Parts of factors' ranges without drives, the surest first."""
         return _lost_parts(self.results, self.unbuilt_rows, ~self.unbuilt_rows)
 
-    def selects(self, metric: str) -> bool:
-        """Whether left-out rows forbid to rank factors by a metric."""
+    def is_unranked(self, metric: str) -> bool:
+        """Whether a metric ranks no factor, as the rows left out would bias the ranks."""
         lost, kept = self.left_out_rows, self.results.ok
         if not lost.any() or not kept.any():
             return False

@@ -216,8 +216,8 @@ def effect_panels(
         panels.append(
             {
                 "title": f"{effect.row_count} variants: share not known"
-                if np.isnan(effect.adjusted) or not shares
-                else f"explains {100.0 * effect.adjusted:.0f} %",
+                if np.isnan(effect.adjusted_share) or not shares
+                else f"explains {100.0 * effect.adjusted_share:.0f} %",
                 "x": {"label": across.name} | ({"words": list(effect.labels)} if words else {}),
                 "y": {"label": axis.name if first else "", "range": axis.shown_values([low - pad, high + pad])},
                 "series": series,

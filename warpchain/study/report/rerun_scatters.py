@@ -164,7 +164,7 @@ def _telling_inputs(results: Results) -> tuple[str, ...]:
         return numeric[:MOST_INPUTS]
     left_out = LeftOut(results)
     weights = dict.fromkeys(numeric, 0.0)
-    for metric in (name for name in telling_metrics(results)[:MOST_METRICS] if not left_out.selects(name)):
+    for metric in (name for name in telling_metrics(results)[:MOST_METRICS] if not left_out.is_unranked(name)):
         for effect in main_effects(results, metric, numeric):
             weights[effect.factor] = max(weights[effect.factor], effect.explained)
     best = sorted(numeric, key=lambda name: -weights[name])[:MOST_INPUTS]

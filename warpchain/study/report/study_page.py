@@ -128,7 +128,7 @@ def _report_parts(
     sample = results.sampled_rows()
     analyzed = tuple(m for m in enough if sample.usable_rows(m).sum() >= 3)
     left_out = LeftOut(sample)
-    unranked = frozenset(metric for metric in analyzed if left_out.selects(metric))
+    unranked = frozenset(metric for metric in analyzed if left_out.is_unranked(metric))
     effects = {metric: _ordered_effects(sample, metric, metric not in unranked) for metric in analyzed}
     chances = {metric: scatter_share(sample, metric) for metric in analyzed}
     pairs = {metric: interactions(sample, metric) for metric in analyzed}
@@ -269,15 +269,15 @@ def _verdict_text(
     scatter = "" if chance is None else f"scatter between equal runs makes {100.0 * chance:.0f} % of the variance"
     if not effects:
         return f"no factor varies; {scatter}." if scatter else "no factor varies."
-    best = max(effects, key=lambda effect: np.nan_to_num(effect.adjusted, nan=-1.0))
+    best = max(effects, key=lambda effect: np.nan_to_num(effect.adjusted_share, nan=-1.0))
     if not len(effects) * best.chance < 1.0 - CONFIDENCE:
         if chance is not None and chance >= 0.5:
             return f"no factor stands out: {scatter}."
-        if np.isnan(best.adjusted):
+        if np.isnan(best.adjusted_share):
             groups = f"{best.row_count} variants in {len(best.counts)} groups of {best.factor}"
             return f"what each factor explains is not known from {groups}; {scatter}".removesuffix("; ") + "."
         alone = (
-            f"no factor stands out alone: {best.factor} explains most, {100.0 * best.adjusted:.0f} %, "
+            f"no factor stands out alone: {best.factor} explains most, {100.0 * best.adjusted_share:.0f} %, "
             f"as chance may with {best.row_count} variants"
         )
         if named := [str(one) for one in pairs if one.is_sure][:MOST_NAMED_PAIRS]:
@@ -292,7 +292,7 @@ def _verdict_text(
         for g in (int(best.means.argmin()), int(best.means.argmax()))
     )
     line = (
-        f"{best.factor} matters most, with {100 * best.adjusted:.0f} % of the variance: "
+        f"{best.factor} matters most, with {100 * best.adjusted_share:.0f} % of the variance: "
         f"the mean goes from {least} to {most}"
     )
     return f"{line}; {scatter}." if scatter else f"{line}."
@@ -336,7 +336,7 @@ def _effects_section(results: Results, left_out: LeftOut, analyzed: MetricAnalys
     effects, pairs, chances, unranked = analyzed
     shown = {metric: found for metric, found in effects.items() if found}
     fair = {metric: found for metric, found in shown.items() if metric not in unranked}
-    shares = [min(1.0, float(np.nansum([effect.adjusted for effect in found]))) for found in fair.values()]
+    shares = [min(1.0, float(np.nansum([effect.adjusted_share for effect in found]))) for found in fair.values()]
     several = has_equal_rows(results)
     parts = [
         html.paragraph_html(

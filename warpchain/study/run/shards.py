@@ -156,6 +156,7 @@ def _attempt_simulation(
     from warpchain.results.run import Record
 
     def on_progress(phase: str, done: float, total: float) -> None:
+        """Reports all phases but settling."""
         if phase != "settling":  # simulating begins anew
             report(phase, done, total)
 

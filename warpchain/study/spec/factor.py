@@ -10,7 +10,7 @@ from pydantic import AfterValidator, BeforeValidator, Field
 
 from warpchain.drive import Drive
 from warpchain.drive.path_units import path_unit
-from warpchain.drive.quantities import unit_of_text
+from warpchain.drive.quantities import unit_from_text
 from warpchain.drive.schema import (
     BARE,
     Direction,
@@ -219,7 +219,7 @@ class Factor(Part):
         if node_value(node, "path") is not None and node_value(node, "paths"):
             yield Problem(("paths",), node_value(node, "paths"), "not together with path; give one of the two")
         own, given = _target_unit(node), node_value(node, "unit")
-        if own and isinstance(given, str) and unit_of_text(given) != unit_of_text(own):
+        if own and isinstance(given, str) and unit_from_text(given) != unit_from_text(own):
             text = f'the values are in {own}: leave it out; values may have units of their own, such as "1 {own}"'
             yield Problem(("unit",), given, text)
         yield from _target_rules(node)
@@ -246,7 +246,7 @@ def _target_unit(node: Any) -> str:
 def factor_unit(node: Any) -> str:
     """Unit of a factor's values, or ""."""
     given = node_value(node, "unit")
-    return _target_unit(node) or (given if isinstance(given, str) and unit_of_text(given) else "")
+    return _target_unit(node) or (given if isinstance(given, str) and unit_from_text(given) else "")
 
 
 def value_source_of(node: Any) -> str | None:

@@ -13,7 +13,7 @@ from typing import Annotated, Any, ClassVar, Literal
 
 from pydantic import BeforeValidator, Field
 
-from warpchain.drive.quantities import converted_number, equivalent_units, match_quantity, unit_of_text
+from warpchain.drive.quantities import converted_number, equivalent_units, match_quantity, unit_from_text
 from warpchain.drive.replicates import FORMER_WAYS, MOST_COPIES, REPLICATE_WAYS
 from warpchain.drive.run_settings import Step
 from warpchain.drive.schema import (
@@ -71,7 +71,7 @@ def metric_unit(name: Any) -> str:
     if not isinstance(name, str):
         return ""
     found = unit_of_metric(metric_from_name(name))
-    return "-" if found == "1" else found if unit_of_text(found) else ""
+    return "-" if found == "1" else found if unit_from_text(found) else ""
 
 
 class Design(Part):
@@ -160,7 +160,7 @@ def condition_without_units(text: str, units: Mapping[str, str]) -> tuple[str, s
     words = _CONDITION_MARKS.split(text)
     for k in range(0, len(words), 2):
         match = match_quantity(words[k].strip())
-        if match is None or unit_of_text(match[2]) is None or (match[2].startswith("%") and match[2] != "%"):
+        if match is None or unit_from_text(match[2]) is None or (match[2].startswith("%") and match[2] != "%"):
             continue  # 90 % m is a remainder
         beside = [
             words[j + (j - k)] for j in (k - 1, k + 1) if 0 < j < len(words) - 1 and words[j] in _COMPARISON_MARKS

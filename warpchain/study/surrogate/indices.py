@@ -44,7 +44,7 @@ def best_indices(results: Results, metric: str, surrogate: Surrogate | None = No
     Raises:
         StudyError: no Saltelli design nor surrogate that can be trusted, or rows selected by their results.
     """
-    if (left_out := LeftOut(results)).selects(metric):
+    if (left_out := LeftOut(results)).is_unranked(metric):
         lost = f"{int(left_out.left_out_rows.sum())} of {int((~left_out.unbuilt_rows).sum())} variants that ran"
         raise StudyError(
             f"Sobol' indices of {metric!r}: {lost} are left out by their own results, and the others are no sample of "
