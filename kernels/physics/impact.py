@@ -20,15 +20,12 @@ ratios of its train), n m d^2 / I of the arm and n m / M of the slider that carr
 
     u (1 + D (1 + G)) = v + (h / 2) (a - E / m) + D G u_0,    F = max(0, E + c min(u, v0)),                   (a)
 
-of second order in h, and stable for dampers and bodies of any size. To remember c u instead would gain energy.
+of second order in h, and stable for dampers and bodies of any size.
 
 A scheme with stages has the speed of the forces' instant; its damper is bounded where the step could not follow, by an
 error of fourth order:
 
     c / (1 + (c h / (2 m))^4)^(1/4).
-
-To add a law: write its function with the arguments of `hysteretic_damper`, put it at the end of `FORCES`, and name it
-in `LAWS` of `warpchain.drive.laws`.
 """
 
 from typing import Any

@@ -190,7 +190,7 @@ class RestingArm:
         return found
 
     def excess_beyond_stops(self, angle: Any) -> Any:
-        """Angle of an arm beyond its stops [rad]: positive beyond the upper one, 0 in between."""
+        """Angle of an arm beyond its stops [rad], positive beyond the upper one."""
         low, high = self.arm.stops_rad
         return maximum(angle - high, 0.0) - maximum(low - angle, 0.0)
 
@@ -214,7 +214,7 @@ class RestingArm:
         return x * uy - y * ux, -(x * ux + y * uy)
 
     def _place_from_pivot(self, place: Sequence[float], angle: Any) -> tuple[Any, Any]:
-        """Vector from an arm's pivot to one of its places as drawn, turned by an angle [m]."""
+        """Vector from an arm's pivot to a place as drawn, turned by an angle [m]."""
         (px, py), (cosine, sine) = self.arm.pivot, unit_vector(angle)
         dx, dy = place[0] - px, place[1] - py
         return cosine * dx - sine * dy, sine * dx + cosine * dy
@@ -227,7 +227,7 @@ def is_unloaded_arm(model: ChainModel, a: int, angle: float) -> bool:
 
 
 def stop_name(model: ChainModel, a: int, angle: float) -> str | None:
-    """Stop on which arm a stands at an angle [rad], "lower" or "upper"; None in between."""
+    """Stop on which arm a stands at an angle [rad], "lower" or "upper"; None off both."""
     lower, upper = has_reached_stops(model.arms[a], angle)
     return "lower" if lower else "upper" if upper else None
 
@@ -277,12 +277,12 @@ class ArmBalance:
         """Chain path with all arms in balance, with the first axis of a stack.
 
         Args:
-            beyond: strain of the chain in excess of the path's nominal one [-].
+            beyond: strain of the chain beyond the path's nominal one [-].
             angles: (A,) first guess [rad]; None is as drawn.
 
         Raises:
             DriveError: an arm without a balance; or as `path_at`.
-            UnlikeVariants: a stack whose balances are found in unlike ways.
+            UnlikeVariants: balances found in unlike ways.
         """
         found: list[Any] = [0.0] * len(self.still) if angles is None else list(angles)
         for a, still in enumerate(self.still):
@@ -335,7 +335,7 @@ class ArmBalance:
 
 
 def _bracketed_root(moment: Callable[[float], float], arm: Arm, near: float) -> float:
-    """Root of an arm's moment by its angle [rad], bracketed by steps from `near` until the sign changes; slow, sure."""
+    """Root of an arm's moment by its angle [rad], bracketed by steps from `near`; slow, sure."""
     from scipy.optimize import brentq  # slow to import
 
     low, high = arm.stops_rad
@@ -364,9 +364,9 @@ def _secant_root(moment: Callable[[Any], Any], near: Any, slope: Any = None) -> 
     """Root of an arm's moment by secants and halving [rad], and its slope there [N m/rad]; None without a root.
 
     Args:
-        moment: of an angle, with which it falls.
+        moment: falls with the angle.
         near: first guess of the root [rad].
-        slope: first guess of the slope [N m/rad].
+        slope: that of the slope [N m/rad].
     """
     try:
         before, here = near, moment(near)
@@ -400,24 +400,24 @@ def _secant_root(moment: Callable[[Any], Any], near: Any, slope: Any = None) -> 
 
 
 def _newton_change(here: Any, slope: Any) -> Any:
-    """Newton step of an arm's angle towards zero moment [rad]; the slope is 1 where the moment does not fall."""
+    """Newton step of an arm's angle towards zero moment [rad]; of slope 1 where the moment does not fall."""
     return maximum(-_LONGEST, minimum(_LONGEST, -here / where(slope < 0.0, slope, -1.0)))
 
 
 def chain_path(model: ChainModel) -> ChainPath:
-    """Chain path of a drive with its arms in balance; the number of links need not fit (`check_fit`).
+    """Chain path of a drive with its arms in balance; links need not fit (`check_fit`).
 
     Raises:
-        DriveError: as `path_at`; or an arm that finds no balance.
+        DriveError: as `path_at`; or an arm without a balance.
     """
     return chain_paths(model)[0]
 
 
 def chain_paths(model: ChainModel) -> ChainPath:
-    """Chain paths of a stack of drives with arms in balance, one `ChainPath` with a first axis (V,).
+    """Chain paths of a stack with arms in balance, one `ChainPath` with a first axis (V,).
 
     Raises:
         DriveError: as `chain_path`, of the first such variant.
-        UnlikeVariants: a stack of which some go around other arcs of guides.
+        UnlikeVariants: some go around other arcs of guides.
     """
     return ArmBalance(model).path() if model.arms else PathPlan(model).path(())

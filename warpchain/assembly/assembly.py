@@ -135,7 +135,7 @@ def assemble_stack(model: ChainModel) -> Assembly:
 
     Raises:
         DriveError: as `assemble`, of the first such variant.
-        UnlikeVariants: a stack of which some go around other arcs of guides.
+        UnlikeVariants: some go around other arcs of guides.
     """
     path, seating, loop = _seated_stack(model)
     count, variants = model.chain.links, len(path.radius)
@@ -185,7 +185,7 @@ Alike = NDArray[np.int64] | slice
 
 
 def _seat_patterns(seats: NDArray[np.int64], links: NDArray[np.int64]) -> list[Alike]:
-    """Groups of variants with equal numbers of seated rollers and links; a slice where all are equal."""
+    """Groups of variants with equal numbers of seated rollers and links; a slice of all alike."""
     table = np.concatenate([seats, links], axis=1)
     if (table == table[0]).all():
         return [slice(None)]
@@ -287,9 +287,8 @@ def _seated_stack(model: ChainModel) -> tuple[ChainPath, Seating, Loop]:
 def _seated_stack_with_arms(model: ChainModel) -> tuple[ChainPath, Seating, Loop]:
     """Paths, seatings and sprocket loops of a stack with arms in balance with the seated chain.
 
-    By secants for b = g(b): b the strain in excess of the path's nominal one at which arms are balanced, g(b) that of
-    the
-    chain then seated.
+    By secants for b = g(b): b the strain beyond the path's nominal one that balances arms, g(b) that of the chain then
+    seated.
     """
     balance, beyond = ArmBalance(model), 0.0
     path = balance.path()
@@ -405,7 +404,7 @@ def _check_keys(model: ChainModel, angle: Array) -> None:
 def _starting_speeds(model: ChainModel, path: ChainPath, variants: int) -> tuple[Array, Array]:
     """Initial angular velocities (V, S) of sprockets and (V, H) of shafts [rad/s].
 
-    Given speeds hold for their trains, then the driver's pitch-circle speed on the chain, then couplings.
+    Given ones hold for their trains, then the driver's on the chain, then those of couplings.
     """
     count = len(model.sprockets)
     known: dict[int, Any] = {}
@@ -488,7 +487,7 @@ def _sagging_places(chord: Array, natural: Array, turning: Array, gravity: Array
 def _half_angles(chord: Array, natural: Array) -> Array:
     """Half angles y_i of a sagging strand's links at its arc's center (V, links) [rad], from (a).
 
-    By Newton's method for c^2, c = 1 / (2 rho) and y_i = asin(c l_i), in which sin(sum y_i) / c is nearly straight.
+    By Newton's method for c^2, c = 1 / (2 rho): sin(sum asin(c l_i)) / c is nearly straight.
     """
     total = natural.sum(axis=1)
     square = 6.0 * (total - chord) / (power(total, 3) - (natural**3).sum(axis=1))

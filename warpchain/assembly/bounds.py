@@ -61,10 +61,7 @@ def _tension_with_loads(model: ChainModel, tension: Any, speed: Any) -> Any:
 
 
 def tension_scale(model: ChainModel, assembly: Assembly) -> NDArray[np.float64]:
-    """Scale of a chain's tensions, a tenth of the pulls of loads, preloads and speed [N]; of a stack (V,).
-
-    Loads and preloads count on the same strand.
-    """
+    """Scale of a chain's tensions, a tenth of the pulls of loads, preloads and speed [N]; of a stack (V,)."""
     chain, speed = model.chain, model.chain_speed
     assembled = np.maximum(0.0, chain.stiffness * assembly.path.pitch * assembly.strain)
     tension = assembled + chain.mass / chain.pitch * power(speed, 2)

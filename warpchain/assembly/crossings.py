@@ -32,10 +32,7 @@ def assemble_chains(model: Model) -> list[Assembly]:
 
 
 def check_planes(model: Model, paths: Sequence[ChainPath]) -> None:
-    """Raises a DriveError where two chains of one plane cross, with the place.
-
-    Chains with sprockets on one shaft are in planes of their own.
-    """
+    """Raises a DriveError where two chains of one plane cross; chains on one shaft have planes of their own."""
     drive, chains = model.drive, model.chains
     shafts = [{shaft_of_sprocket(drive.sprockets[s]) for s in chain.places["sprockets"]} for chain in chains]
     for i, k in combinations(range(len(chains)), 2):

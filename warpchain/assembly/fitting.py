@@ -211,11 +211,11 @@ def fit_links(
 ) -> Drive:
     """Gives a chain the number of links with the smallest strain, taut or slack, or with arms nearest to wanted angles.
 
-    With arms in balance, all pressing on the chain and off their stops if that can be.
+    Arms are in balance, all pressing on the chain and off their stops if that can be.
 
     Args:
         drive: its chain need not fit as it stands.
-        odd: whether an odd number, which needs an offset link, will do.
+        odd: whether an odd number will do, which needs an offset link.
         angle: wanted angles of arms by name [degrees]; None wants none.
         chain: name of the chain, where there are several.
 
@@ -318,7 +318,7 @@ def nearest_links(path: ChainPath, strain: float, odd: bool = False) -> list[int
     Args:
         path: the chain's path.
         strain: the wanted one [-].
-        odd: whether odd numbers, which need an offset link, will do.
+        odd: whether odd numbers will do, with an offset link.
     """
     step = 1 if odd else 2
     exact = path.wrapped_pitches + float(path.strand_length.sum()) / path.pitch / (1.0 + strain)
@@ -357,7 +357,7 @@ def _unit_line(direction: Sequence[float]) -> tuple[float, float]:
 
 
 def _wanted_angles(model: ChainModel, wanted: Mapping[str, float]) -> list[float]:
-    """Angles of all arms [rad]: the wanted ones by name [degrees], the others as drawn or on the nearest stop."""
+    """Angles of all arms [rad]: those wanted [degrees], else as drawn or on the nearest stop."""
     for name, angle in wanted.items():
         a = model.arm_index(name)
         if a is None:

@@ -56,7 +56,7 @@ class Order:
 
 
 def tooth_orders(drive: Drive) -> dict[str, float]:
-    """Orders of the driver's revolution with which teeth pass, by the name of the chain; "" where there is one."""
+    """Orders of the driver's revolution with which teeth pass, by the chain's name, "" for one alone."""
     model = Model(drive)
     return {
         chain.name: ratio * chain.sprockets[chain.driver].teeth

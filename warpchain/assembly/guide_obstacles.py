@@ -60,7 +60,7 @@ def profile_at(model: ChainModel, g: int, arm_angle: Sequence[float]) -> Profile
 
 
 def own_strand(model: ChainModel, g: int, strands: Sequence[Line]) -> tuple[int, bool] | None:
-    """Strand on which guide g, as drawn, lies, and whether it travels along the face's pieces; None for no strand."""
+    """Strand on which guide g, as drawn, lies, and whether it travels along the face's pieces; or None."""
     found = nearest_strand(model, g, strands)
     if found is None:
         return None
@@ -70,9 +70,9 @@ def own_strand(model: ChainModel, g: int, strands: Sequence[Line]) -> tuple[int,
 
 
 def nearest_strand(model: ChainModel, g: int, strands: Sequence[Line]) -> tuple[int, bool, float] | None:
-    """Strand nearest to guide g, whether it travels along the face's pieces, and its mean height over it [m].
+    """Strand nearest to guide g, whether it travels along the face's pieces, and rollers' mean height over it [m].
 
-    Heights are where rollers would ride, negative behind the face; None where no strand runs along it.
+    Heights are negative behind the face; None where no strand runs along it.
     """
     profile, offset = model.profile(g), model.guide_offset(g)
     length = profile.face_length
@@ -183,8 +183,7 @@ def _cut_depths(model: ChainModel, g: int, start: NDArray[np.float64], end: NDAr
     """Depth to which its own strand cuts into a straight bar on the ground (V,) [m]; -inf without a strand.
 
     Along u, the arcs over the bar's ends are nearest to being cut at c + (R + offset) n: n is square to u over the end
-    that
-    the strand runs towards, seen from the bar, else square to the bar.
+    towards which the strand runs, else square to the bar.
     """
     bar, offset = model.guides[g].bar, model.guide_offset(g)
     first, last = np.atleast_2d(array_of_columns(bar.start)), np.atleast_2d(array_of_columns(bar.end))

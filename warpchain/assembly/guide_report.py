@@ -62,7 +62,7 @@ def arm_report(model: ChainModel, assembly: Assembly, resting: Steady, running: 
 
 
 def tensioner_report(model: ChainModel, assembly: Assembly, resting: Steady, running: Steady) -> list[dict[str, Any]]:
-    """Extensions [m], static pressures [Pa] and forces [N] of tensioners; a slider's at its steady center."""
+    """Extensions [m], static pressures [Pa] and forces [N] of tensioners, a slider's at its steady center."""
     found = []
     for tensioner in model.tensioners:
         a = model.arm_index(tensioner.on)

@@ -54,7 +54,7 @@ def layout_faults(model: ChainModel, path: ChainPath | None = None) -> tuple[str
 
 
 def has_possible_faults(model: ChainModel, path: ChainPath) -> NDArray[np.bool_]:
-    """Whether `layout_faults` may find something, of each variant of a stack (V,), by their paths."""
+    """Whether `layout_faults` may find something, of each variant of a stack (V,)."""
     start, end = path.strand_start, path.strand_end
     found = np.zeros(len(start), dtype=bool)
     chord = end - start
@@ -156,7 +156,7 @@ def _strand_ends(path: ChainPath) -> list[Strand]:
 
 
 def strand_crossing(one: Strand, other: Strand) -> Point | None:
-    """Point at which two strands cross; None where they do not, ends that touch aside."""
+    """Point at which two strands cross, ends that touch aside; None without one."""
     (ax, ay), (bx, by) = one
     (cx, cy), (dx, dy) = other
     ux, uy, vx, vy, wx, wy = bx - ax, by - ay, dx - cx, dy - cy, cx - ax, cy - ay
@@ -223,7 +223,7 @@ def _guide_fault_text(model: ChainModel, guide: Guide, does: str, k: int) -> str
 
 
 def _shares_within(first: float, last: float, length: float) -> tuple[float, float]:
-    """Shares of a line between which its value is from 0 to `length`; empty where begin >= end."""
+    """Shares of a line with values from 0 to `length`; empty where begin >= end."""
     if first == last:
         return (0.0, 1.0) if 0.0 <= first <= length else (1.0, 0.0)
     shares = sorted(((0.0 - first) / (last - first), (length - first) / (last - first)))

@@ -110,7 +110,7 @@ class LayingCurve:
         return (x, y), heading
 
     def _over(self, s: Any, link: Any) -> Any:
-        """Arc length of the end of a link that begins at s and ends on another piece [m], by Newton's method."""
+        """Arc length of the end of a link from s to another piece [m], by Newton's method."""
         (x, y), _ = self.at(s)
         ahead, done = s + link, False
         for _ in range(_NEWTON):

@@ -191,8 +191,8 @@ class PathPlan:
     """Part of a chain path that arm angles do not change: pitch circles, tangents and guides as drawn.
 
     Raises:
-        DriveError: where pitch circles overlap; of the first such variant.
-        UnlikeVariants: a stack whose variants go around guides in unlike ways; a small one with such guides.
+        DriveError: pitch circles that overlap; of the first such variant.
+        UnlikeVariants: variants that go around guides in unlike ways, or few with such guides.
     """
 
     def __init__(self, model: ChainModel) -> None:
@@ -458,7 +458,7 @@ def _check_apart(model: ChainModel, center: Sequence[Pair], radius: Sequence[Any
 
 
 def _check_wraps(model: ChainModel, wrap: Sequence[Any], pitch_angle: Sequence[float]) -> None:
-    """Raises a DriveError where a sprocket is wrapped by no angle, or by more than a turn less a pitch."""
+    """Raises a DriveError where a sprocket has no wrap, or more than a turn less a pitch."""
     for s, sprocket in enumerate(model.sprockets):
         v = _first_variant((wrap[s] < _NO_WRAP) | (wrap[s] > 2.0 * math.pi - pitch_angle[s]))
         if v is not None:

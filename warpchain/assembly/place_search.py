@@ -141,7 +141,7 @@ class PlaceSearch:
         return self.goal.over((yield _PlaceQuestion(place, True)))
 
     def _refined_place(self, place: float) -> Steps:
-        """Place nearby where the assembled chain has the wanted strain; None where there is none."""
+        """Place nearby where the assembled chain has the wanted strain, or None."""
         exact = yield from self._secant_place(place)
         half = self.step / 32.0
         while exact is None and half <= 2.0 * self.model.chain.pitch:
@@ -282,7 +282,7 @@ def _drive_with_center(model: ChainModel, index: int, center: tuple[float, float
 
 
 def _evaluation(goals: Sequence[PlacementGoal], assembled: bool) -> Callable[[ChainModel], _States]:
-    """Function that gives a stack's states: of its paths, or of its chains assembled as far as goals need."""
+    """Function that gives a stack's states: of its paths, or of chains assembled as far as goals need."""
     if not assembled:
         return _path_states
     return _placed_states if any(goal.sags for goal in goals) else _seat_states

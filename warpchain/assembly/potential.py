@@ -100,7 +100,7 @@ class EnergyTerms:
         return found
 
     def hessian(self, maps: Sequence[Map], count: int) -> csc_matrix:
-        """Hessian of the energy by `count` free coordinates y, dx_i the sum of weight_i dy_column(i) of all maps."""
+        """Hessian of the energy by `count` free coordinates y: dx_i sums weight_i dy_column(i) of all maps."""
         from scipy.sparse import coo_matrix
 
         rows, columns, values = (np.concatenate(of) for of in (self.rows, self.columns, self.values))
@@ -128,9 +128,9 @@ def stacked_terms(terms: Sequence[EnergyTerms]) -> EnergyTerms:
 class Potential:
     """Potential energy E by all coordinates of a chain.
 
-    They are rollers (2 N), centers (2 S), angles of sprockets and shafts (S + H), arms' absolute angles (A), and the
-    pivots
-    of arms on arms, x and y of each.
+    They are rollers (2 N), centers (2 S), angles of sprockets and shafts (S + H), arms' absolute angles (A), and pivots
+    of
+    arms on arms.
 
     Args:
         model: of the chain.
@@ -138,7 +138,7 @@ class Potential:
         moments: (S + H,) load moments M_s, against forward rotation [N m].
         hanging: whether balance wheels hang where they are, or turn nothing in the mean.
         laid: (S,) angles of the sprockets as laid [rad], for couplings.
-        held: (S + H,) whether an angle is; None as `is_held_body`, and of a shaft that no sprocket is near to.
+        held: (S + H,) whether an angle is; None as `is_held_body`, and of a shaft without a sprocket near.
 
     Attributes:
         lever: (S + H,) length as which a turn counts [m/rad]: the pitch radius, of a shaft the nearest sprocket's.
@@ -233,7 +233,7 @@ class Potential:
         return found
 
     def move_carried(self, x: Array) -> None:
-        """Moves carried pivots and sprocket centers in x to where the arms' angles put them."""
+        """Moves carried pivots and sprocket centers in x to where arms' angles put them."""
         arms, centers = self.model.arms, self.split(x)[1]
         for k, (own, p) in enumerate(self.hung):
             place = rotated_place(arms[p].pivot, arms[own].pivot, float(x[self.first_arm + p]))
@@ -452,7 +452,7 @@ class Potential:
 
 
 def _along_across(u: Array, along: Array, across: Array) -> Array:
-    """Matrices (M, 2, 2) with eigenvalue `along` for unit vectors u (M, 2), `across` at right angles."""
+    """Matrices (M, 2, 2), eigenvalue `along` for unit vectors u (M, 2), `across` at right angles."""
     outer = u[:, :, None] * u[:, None, :]
     return np.asarray(across[:, None, None] * np.eye(2) + (along - across)[:, None, None] * outer)
 

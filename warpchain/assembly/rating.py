@@ -39,7 +39,7 @@ def passes_moment(sprocket: Sprocket) -> bool:
 
 
 def smallest_driven(model: ChainModel) -> int:
-    """Sprocket with the fewest teeth of those that pass on a moment, the driver among them."""
+    """Sprocket with the fewest teeth of those that pass on a moment."""
     passing = (s for s, sprocket in enumerate(model.sprockets) if s == model.driver or passes_moment(sprocket))
     return min(passing, key=lambda s: model.sprockets[s].teeth)
 
@@ -90,7 +90,7 @@ def wear_rate(model: ChainModel, tensions: Sequence[float], speed: float) -> flo
 
 
 def resting_sag(model: ChainModel, assembly: Assembly, strands: Strands, resting: Steady) -> dict[str, Any] | None:
-    """Sag at rest of the strand slackest at work; None on guides, without gravity or a state at rest."""
+    """Sag at rest of the strand slackest at work [m]; None on guides, without gravity or rest."""
     k = min(range(len(strands)), key=lambda k: float(strands[k]["working_tension"]))
     if resting.failure or assembly.path.strings[k] is not None or not any(model.run.gravity):
         return None

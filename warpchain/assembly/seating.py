@@ -122,7 +122,7 @@ class Seating:
 
 
 def seat_chain(model: ChainModel, path: ChainPath, loop: Loop | None = None, near: Number = 0.0) -> Seating:
-    """Seating of chains that fit their paths, of one drive or a stack.
+    """Seating of chains that fit their paths.
 
     Args:
         model: one, or a stack.
@@ -131,9 +131,9 @@ def seat_chain(model: ChainModel, path: ChainPath, loop: Loop | None = None, nea
         near: tolerance of links laid on guides, if above round-off [pitches].
 
     Raises:
-        DriveError: a strand without room for a link, a sprocket with fewer teeth than rollers to hold, or no placement
-            that closes the chain; of the first such variant.
-        UnlikeVariants: a stack whose chains lie on guides with unlike arcs, or links.
+        DriveError: a strand without room for a link, too few teeth, or no placement that closes the chain; of the first
+            such variant.
+        UnlikeVariants: chains of a stack that lie on guides with unlike arcs, or links.
     """
     loop = loop or Loop(model, path)
     loop.use_path(path)
@@ -264,7 +264,7 @@ class Loop:
         return Seating(angles, seats, links, strain)
 
     def start_seating(self, counted: Seating) -> Seating:
-        """First guess of a seating: as counted, or the solution of another path with equal counts."""
+        """First guess of a seating: as counted, or another path's solution with equal counts."""
         before, self.counted = self.counted, counted
         solved = self.solved
         if solved is None or before is None or not self.remembers:
@@ -294,7 +294,7 @@ class Loop:
                 )
 
     def end_seat_angles(self, seating: Seating, k: int) -> tuple[Number, Number]:
-        """Polar angles of the last roller before strand k and of the first one after it [rad]."""
+        """Polar angles of the last roller before strand k and the first after it [rad]."""
         following = (k + 1) % self.size
         leave = seating.first_angle[k] + (seating.seats[k] - 1) * self.step[k]
         arrive = seating.first_angle[following]
@@ -345,7 +345,7 @@ class Loop:
         return _Strand(leaving, arriving, along, along, length)
 
     def laid_excess(self, seating: Seating, k: int) -> Number:
-        """Length of strand k's links, laid as chords on its string, beyond its chain length [m]."""
+        """Length of strand k's links, laid on its string, beyond its chain length [m]."""
         string = self.string(seating, k)
         if string is None:
             return 0.0
@@ -394,7 +394,7 @@ class Loop:
             part, mine, lengths = part.chosen_loops(further, mine, lengths)
 
     def _solve_conditions(self, seating: Seating, lengths: list[Number]) -> None:
-        """Solves the closing conditions; in a slack chain, strands of a single link take no strain."""
+        """Solves the closing conditions; strands of a single link take no strain in a slack chain."""
         self._newton(seating, lengths, lengths)
         slack = seating.strain < 0.0
         short = [slack & (links == 1) for links in seating.links]
@@ -415,7 +415,7 @@ class Loop:
     def _newton(self, seating: Seating, lengths: list[Number], elastic: list[Number]) -> None:
         """Solves (a) by Newton's method; `elastic` is the part of each strand's length that takes the strain [m].
 
-        Column `driver` of the Jacobian belongs to the strain. Variants that are done stay.
+        Column `driver` of the Jacobian is the strain's.
         """
         angles = [s for s in range(self.size) if s != self.driver]
         part, mine, todo, worst = self, seating, np.arange(self.variants), math.inf
@@ -468,7 +468,7 @@ class Loop:
         return residual, jacobian
 
     def adjust_seats(self, seating: Seating) -> Any:
-        """Adds and gives back seats at both ends of every strand but the driver's first; returns where any changed."""
+        """Adds and gives back seats at strands' ends, but the driver's first; returns where any changed."""
         link = self.pitch * (1.0 + maximum(seating.strain, 0.0))
         changed = link != link  # False, or an array of it
         for k in range(self.size):
@@ -490,10 +490,9 @@ class Loop:
     def _seat_change(self, seating: Seating, k: int, s: int, inward: Number, link: Number) -> Number:
         """Seats to add on sprocket s where strand k ends on it: +1, -1 or 0.
 
-        `inward` is the cosine between the strand's direction towards the sprocket and the seat's outward vector. A
-        straight
-        strand's next roller, a link L away, stands at sqrt(R^2 - 2 R L inward + L^2), in the next gap if inward > L /
-        (2 R).
+        `inward` is the cosine between the strand towards the sprocket and the seat's outward vector. The next roller of
+        a
+        straight strand, a link L away, is in the next gap if inward > L / (2 R).
         """
         radius, seats = self.radius[s], seating.seats[s]
         inside = link * (link - 2.0 * radius * inward) < -_TIE * self.pitch * radius

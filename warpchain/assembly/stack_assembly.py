@@ -180,7 +180,7 @@ def _layout_values(model: ChainModel) -> dict[str, Any]:
 def layout_faults_of_drives(
     models: Sequence[ChainModel], assemblies: Assemblies, stacks: Sequence[Stack] | None = None
 ) -> list[tuple[str, ...]]:
-    """Layout faults of each drive, a line each; drives with one state and one set of guides are checked once."""
+    """Layout faults of each drive, a line each; drives of one state and one set of guides are checked once."""
     found: list[tuple[str, ...]] = [()] * len(models)
     known: dict[tuple[int, ...], tuple[str, ...]] = {}
     for stack in stacks_of_drives(models) if stacks is None else stacks:

@@ -251,7 +251,7 @@ def _held_angles(model: ChainModel) -> list[bool]:
 
 
 def _advanced_guess(potential: Potential, x: Array, part: float) -> Array:
-    """First guess of the coordinates `part` of a tooth pitch later, seated rollers turned with their sprockets."""
+    """First guess of the coordinates a part of a tooth pitch later, seated rollers turned with sprockets."""
     x = x.copy()
     r, centers, angles = potential.split(x)
     before = r.copy()
@@ -442,7 +442,7 @@ def _coordinate_name(potential: Potential, assembly: Assembly, i: int) -> str:
 
 
 def _slipped_sprocket(potential: Potential, assembly: Assembly, x: Array) -> int | None:
-    """Sprocket whose teeth the chain has left at the middle of the wrapped arc; None where none."""
+    """Sprocket whose teeth the chain has left amid its wrap, or None."""
     r, centers, angles = potential.split(x)
     for s, sprocket in enumerate(potential.model.sprockets):
         rollers = np.flatnonzero(assembly.seat_sprocket == s)
@@ -457,7 +457,7 @@ def _slipped_sprocket(potential: Potential, assembly: Assembly, x: Array) -> int
 
 
 def _free_coordinates_of_chains(parts: Sequence[Potential], shafts: Joined) -> tuple[list[Map], int]:
-    """Free coordinates of chains with shared shafts: columns and weights (twice with arms on arms), and count."""
+    """Free coordinates of chains with shared shafts: columns, weights (twice with arms on arms), count."""
     columns, weights, seconds, count = [], [], [], 0
     for potential in parts:
         column, weight, own = _free_coordinates(potential)
@@ -487,8 +487,7 @@ def _free_coordinates(potential: Potential) -> tuple[NDArray[np.int64], Array, i
     """Free coordinates of a chain: column and weight of each, 0 and 0 for held ones, and their count.
 
     dx_i = weight_i dy_column(i). Angles count as lengths; a train has one, its first body's; weights of carried places
-    are
-    `_Solver`'s.
+    are `_Solver`'s.
     """
     n, s = 2 * potential.rollers, potential.sprockets
     column, weight, count = np.zeros(potential.size, dtype=np.int64), np.zeros(potential.size), n

@@ -48,9 +48,8 @@ def working_tensions(
     """Quick estimate of each strand's working tension [N], from moments and centrifugal force.
 
     Without mounts, seats, guides and weight; arguments as of `warpchain.assembly.statics.running`. Past a driven
-    sprocket
-    tension rises by load / pitch radius; the mean elongation stays that of the preload unless the slackest strand would
-    push; centrifugal force adds (m / p) v^2.
+    sprocket tension rises by load / pitch radius; the mean elongation stays that of the preload unless the slackest
+    strand would push; centrifugal force adds (m / p) v^2.
     """
     speed = model.driver_speed if speed is None else speed
     moments = statics.load_moments(model, speed) if moments is None else moments
@@ -83,8 +82,7 @@ def derive(drive: Drive) -> dict[str, Any]:
     """Derived quantities of a drive by name, in SI units; docs/scripts.md lists the keys.
 
     Without a steady state `tensions_estimated` says why, and tensions are preload and `working_tensions`. Of several
-    chains
-    "chains" has those of each.
+    chains "chains" has those of each.
 
     Raises:
         DriveError: a chain that does not fit, chains of one plane that cross, or a step beyond its limit.

@@ -126,7 +126,7 @@ def table_cells(table: Tabled, ratio: float) -> TableCells:
 
 
 def table_slopes(table: Tabled) -> Array | None:
-    """Slopes at a table's rows (scipy's PCHIP; of displacements and lifts a spline's); None for straight lines."""
+    """Slopes at a table's rows: PCHIP's, of displacements and lifts a spline's; None for straight lines."""
     if isinstance(table, PlaceColumn | LiftCurve):
         return np.asarray(table.spline(table.over, 1))
     if table.interpolation == "linear":
@@ -180,7 +180,7 @@ def _uniform_grid(x: Array, y: Array, slopes: Array | None) -> tuple[float, floa
 
 
 def _cell_coefficients(value: Array, slope: Array | None) -> Array:
-    """Coefficients (cells, 4) from values and slopes per cell at the grid's points; None is straight lines."""
+    """Coefficients (cells, 4) from values and slopes per cell at the grid's points, or None for straight lines."""
     rise = np.diff(value)
     if slope is None:
         return np.column_stack([value[:-1], rise, 0.0 * rise, 0.0 * rise])

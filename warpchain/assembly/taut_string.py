@@ -99,7 +99,7 @@ class Arc:
         return self.center[0] + reach * y, self.center[1] - reach * x
 
     def is_past(self, heading: Any, last: bool) -> Any:
-        """Whether a tangent's heading lies beyond the arc's last or first one."""
+        """Whether a tangent's heading lies beyond the arc's end."""
         if self.guide < 0:
             return False
         off = wrapped_angle(heading - (self.end if last else self.begin))
@@ -165,7 +165,7 @@ class TautString:
         return total
 
     def chain_length(self, pitch: float) -> float:
-        """Length of links of a pitch along the string [m], chords 2 asin(p / 2R) each on arcs of radius R."""
+        """Length of links of a pitch along the string [m], on arcs of radius R as chords 2 asin(p / 2R)."""
         total = 0.0
         for piece in self.pieces:
             total = total + piece.length * _chord_ratio(0.5 * pitch * abs(piece.curvature))
@@ -279,7 +279,7 @@ def _neighbor_arc(arc: Arc, known: _Where, step: int) -> Arc | None:
 
 
 def _tangents_or_arc(chosen: list[Arc], known: _Where) -> list[_Tangent] | tuple[int, Arc]:
-    """Tangents from each arc to the next; or where there is none, the arc to take in between, and its place."""
+    """Tangents from each arc to the next; or the arc to take in between, and its place."""
     found: list[_Tangent] = []
     for k, (one, other) in enumerate(pairwise(chosen), 1):
         if _neighbor_arc(one, known, 1) is other:
@@ -303,7 +303,7 @@ def _tangents_or_arc(chosen: list[Arc], known: _Where) -> list[_Tangent] | tuple
 
 
 def _arc_beyond(touches: list[GuideTouch], chosen: list[Arc], known: _Where) -> tuple[int, Arc] | None:
-    """Next arc of a run, where a string arrives before an arc's first tangent or leaves after its last."""
+    """Next arc of a run, where a string arrives or leaves beyond an arc's end."""
     for k, touch in enumerate(touches, 1):
         for heading, step in ((touch.arrive, -1), (touch.leave, 1)):
             between = _neighbor_arc(touch.arc, known, step)

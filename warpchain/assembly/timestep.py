@@ -163,7 +163,7 @@ def _on_shaft(name: str) -> str:
 
 
 def _shared_shaft(model: ChainModel, s: int) -> str | None:
-    """Name of the shaft, or train's first body, that sprocket s shares with other chains; None for one chain."""
+    """Name of the shaft, or train's first body, that sprocket s shares with other chains, or None."""
     shaft = model.sprockets[s].shaft
     if shaft is not None and shaft not in body_names(model):
         return shaft

@@ -45,7 +45,7 @@ def shaft_report(model: ChainModel) -> list[dict[str, Any]]:
 
 
 def _working_speed(model: ChainModel, b: int) -> float | None:
-    """Forward speed of a shaft at work [rad/s]; None where no chain or prescribed motion gives it."""
+    """Forward speed of a shaft at work [rad/s]; None without a chain or prescribed motion."""
     if nearest_sprocket(model, b) is not None:
         return float(model.driver_speed * body_speed_ratio(model, b, model.driver))
     leader = prescribed_leader(model, b)
@@ -97,8 +97,7 @@ def coupling_report(model: ChainModel, running: Steady) -> list[dict[str, Any]]:
     """Values of couplings: frequency [Hz] and damping between the inertias they see, the chain aside.
 
     In a gearbox's first ratio; with lash [rad], ratios, capacity [N m], freewheel, and at work twist [rad] and torque
-    from
-    the first body [N m], counter-clockwise; None without a steady state, 0 to the ground.
+    from the first body [N m], counter-clockwise; None without a steady state, 0 to the ground.
     """
     found = []
     for coupling, twist, torque in zip(model.couplings, running.twist, running.torque, strict=True):
