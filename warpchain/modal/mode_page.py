@@ -110,7 +110,7 @@ def modes_page(modes: Modes, found: Campbell | None = None) -> str:
         html.page_section(
             "modes", "Frequencies", html.paragraph_html(f"{links}; {tension}. {shares}"), _modes_table(modes)
         ),
-        html.page_section("shapes", "Shapes", html.picture_html(mode_shapes_figure(modes), "mode shapes")),
+        html.page_section("shapes", "Shapes", html.zoomed_picture_html(mode_shapes_figure(modes), "mode shapes")),
         html.page_section("state", "State and damping", html.bullets_html(state_remarks(modes))),
     ]
     if found is not None:
@@ -118,7 +118,9 @@ def modes_page(modes: Modes, found: Campbell | None = None) -> str:
         swings += " exceeds 4 zeta."
         sections += [
             html.page_section(
-                "campbell", "Campbell diagram", html.picture_html(mode_campbell_figure(found), "Campbell diagram")
+                "campbell",
+                "Campbell diagram",
+                html.zoomed_picture_html(mode_campbell_figure(found), "Campbell diagram"),
             ),
             html.page_section("crossings", "Where orders meet modes", _crossings_table(found)),
             html.page_section(

@@ -104,6 +104,7 @@ def _nearest_free_corner(box: _Box, origin: Array, lines: Array, insides: Array,
         own = np.hypot(reach[0][None, :], reach[1][:, None]) < radius
         covered = np.where(own, _box_sums(lines + 2.0 * taken, wide, high), covered)
     cost = COVER_COST * covered + distance + 0.4 * np.abs(x + 0.5 * wide - point[0])[None, :]
+    cost += 0.1 * (y + 0.5 * high - point[1])[:, None]  # rather below than above
     best = np.argpartition(cost, min(LEADER_TRIES, cost.size - 1), axis=None)[:LEADER_TRIES]
     best = best[np.argsort(cost.ravel()[best], kind="stable")]
     corners = [origin + CELL * np.array(np.unravel_index(k, cost.shape)[::-1], dtype=float) for k in best]

@@ -8,8 +8,10 @@ from typing import Any
 
 import numpy as np
 
+from warpchain.drive import Drive
 from warpchain.model import ChainModel
 from warpchain.results.engineering_report import EngineeringReport
+from warpchain.results.losses import loss_shares
 from warpchain.results.metric_columns import COLUMN_BY_NAME, PART_PREFIXES, SHAFT_SPEED_NAMES, column_of_metric
 from warpchain.results.signals import opening_events, range_and_path
 from warpchain.results.units import display_unit_word
@@ -176,3 +178,44 @@ def friction_power_table(found: EngineeringReport, row: Mapping[str, Any]) -> st
     ]
     rows.append(["all", quantity_text(total, "W"), quantity_text(sum(means.values()), "W"), 100.0])
     return table_html(["what rubs", "mean power", "from the frames", "share [%]"], rows)
+
+
+def chains_table(
+    chains: Mapping[str, tuple[EngineeringReport, Mapping[str, Any]]], margins: Mapping[str, float]
+) -> str:
+    """HTML table of a drive's chains: links, mass, tensions, margins to tooth jump, friction power; their sums last."""
+    rows, links, mass, power = [], 0, 0.0, 0.0
+    for name, (found, row) in chains.items():
+        own = float(sum(float(values.mean()) for values in found.friction_power.values()))
+        chain = found.model.chain
+        links, mass, power = links + chain.links, mass + chain.links * chain.mass, power + own
+        tensions = [row.get(metric) for metric in ("tension_mean", "tension_max")]
+        cells = ["\u2013" if value is None else quantity_text(float(value), "N") for value in tensions]
+        margin = climb_share_text(margins[name]) if name in margins else "\u2013"
+        weight = quantity_text(chain.links * chain.mass, "kg")
+        rows.append([name, str(chain.links), weight, *cells, margin, quantity_text(own, "W")])
+    largest = [row.get("tension_max") for _, row in chains.values()]
+    most = "\u2013" if None in largest else quantity_text(max(float(value) for value in largest if value), "N")
+    least = climb_share_text(min(margins.values())) if margins else "\u2013"
+    rows.append(["all", str(links), quantity_text(mass, "kg"), "\u2013", most, least, quantity_text(power, "W")])
+    head = ("chain", "links", "mass", "mean tension", "largest tension", "least margin to tooth jump", "friction power")
+    return table_html(head, rows)
+
+
+def losses_table(drive: Drive, row: Mapping[str, Any]) -> str:
+    """HTML table of the whole drive's mean losses by group, and their sum; "" where nothing is known of them."""
+    found = {group: loss for group, loss in loss_shares(drive, row).items() if loss.energy != 0.0}
+    if not found:
+        return ""
+    rows = [
+        [
+            group,
+            quantity_text(loss.power, "W"),
+            "\u2013" if loss.input_share is None else f"{100 * loss.input_share:.2g} %",
+        ]
+        for group, loss in found.items()
+    ]
+    shares = [loss.input_share for loss in found.values() if loss.input_share is not None]
+    whole = f"{100.0 * sum(shares):.3g} %" if len(shares) == len(found) else "\u2013"
+    rows.append(["all", quantity_text(sum(loss.power for loss in found.values()), "W"), whole])
+    return table_html(("losses", "mean power", "of the input"), rows)

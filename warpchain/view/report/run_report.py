@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import hashlib
 from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from warpchain.argument_checks import check_arguments
 from warpchain.assembly.frequencies import excited_orders
+from warpchain.drive import Drive, dumps_drive
 from warpchain.drive.body_ties import rotation_owners
 from warpchain.errors import ArchiveError, SimulationError
 from warpchain.files import refusals_as_errors, write_text_file
@@ -15,7 +17,8 @@ from warpchain.results.chains import chain_metrics_row, chain_trajectories
 from warpchain.results.engineering_report import EngineeringReport, Wear, metrics_window
 from warpchain.results.judgement import OK
 from warpchain.results.losses import friction_power_over_speed
-from warpchain.results.run import Run, RunInfo
+from warpchain.results.metric_columns import title_of_metric
+from warpchain.results.run import Run, RunInfo, Trajectory
 from warpchain.view import html
 from warpchain.view.figures import chain_figures, part_figures, shaft_figures, sweep
 from warpchain.view.figures.drive_figure import drive_figure
@@ -31,39 +34,61 @@ Row = Mapping[str, Any]
 
 def figure_html(figure: Figure | None, words: str) -> str:
     """A report's figure as HTML; "" for None."""
-    return "" if figure is None else html.picture_html(figure, words)
+    return "" if figure is None else html.zoomed_picture_html(figure, words)
 
 
-def summary_section(found: EngineeringReport, row: Row, info: RunInfo) -> html.PageSection:
-    """The report's section of status, key numbers, settings and picture."""
+Chains = Mapping[str, tuple[EngineeringReport, Row]]
+"""Reports of a drive's chains with their rows of metrics, by name, "" of an only one."""
+
+
+def summary_section(chains: Chains, row: Row) -> html.PageSection:
+    """The report's first section: whether the run is valid, and its key numbers."""
     status = row.get("status") or "unknown"
     boxes = [("" if status == "unknown" else status, status, "status")]
-    metrics = found.metrics()
-    for name, unit, words in (
-        ("tension_mean", "N", "mean tension"),
-        ("tension_max", "N", "largest tension"),
-        ("efficiency", "%", "efficiency"),
-    ):
-        if row.get(name) is not None:
-            value = f"{100.0 * row[name]:.2f} %" if unit == "%" else report_tables.quantity_text(row[name], unit)
-            boxes.append(("", value, words))
-    least = [value for name, value in metrics.items() if name.endswith(".jump_margin_relative")]
+    for name, words in (("tension_mean", "mean tension"), ("tension_max", "largest tension")):
+        held = {chain: own[name] for chain, (_, own) in chains.items() if own.get(name) is not None}
+        if held:
+            chain = max(held, key=lambda one: held[one])
+            boxes.append(("", report_tables.quantity_text(held[chain], "N"), f"{words}, {chain}".rstrip(", ")))
+    if row.get("efficiency") is not None:
+        boxes.append(("", f"{100.0 * row['efficiency']:.2f} %", "efficiency"))
+    least = _least_jump_margins(chains)
     if least:
-        boxes.append(("", report_tables.climb_share_text(min(least)), "least margin to tooth jump"))
-    cells = "".join(
-        f'<div class="{kind}"><b>{html.escape(value)}</b>{html.escape(words)}</div>' for kind, value, words in boxes
-    )
-    window = f"window of the metrics: {found.start:g} to {found.end:g} s, {len(found.part.time)} frames"
-    lines = [run_line(found.whole), window]
-    if row.get("reason"):
-        lines.insert(0, f"{status}: {row['reason']}")
-    step = "" if info.step is None else f", step {report_tables.quantity_text(info.step, 's')}"
-    lines.append(f"warpchain {info.version} on {info.device}, {info.precision}{step}, {info.created}, {info.ended}")
+        chain = min(least, key=lambda one: least[one])
+        words = f"least margin to tooth jump, {chain}".rstrip(", ")
+        boxes.append(("", report_tables.climb_share_text(least[chain]), words))
+    why = html.bullets_html([f"{status}: {row['reason']}"]) if row.get("reason") else ""
     note = "" if status == OK else html.paragraph_html("Do not use these numbers: the run is not valid (reason above).")
-    picture = figure_html(drive_figure(found.whole), "the drive with forces on the chain")
-    return html.page_section(
-        "summary", "In short", f'<div class="counts">{cells}</div>', html.bullets_html(lines), note, picture
-    )
+    return html.page_section("summary", "In short", html.key_numbers_html(boxes), why, note)
+
+
+def _least_jump_margins(chains: Chains) -> dict[str, float]:
+    """Least margin to tooth jump over the climb, by chain."""
+    margins = {
+        chain: [value for name, value in found.metrics().items() if name.endswith(".jump_margin_relative")]
+        for chain, (found, _) in chains.items()
+    }
+    return {chain: min(values) for chain, values in margins.items() if values}
+
+
+def drive_section(chains: Chains, whole: Trajectory, row: Row, info: RunInfo) -> html.PageSection:
+    """The report's section on the run and the whole drive: window, sums over chains, picture with forces."""
+    found = next(iter(chains.values()))[0]
+    window = f"window of the metrics: {found.start:.4g} to {found.end:.4g} s, {len(found.part.time)} frames"
+    step = "" if info.step is None else f", step {report_tables.quantity_text(info.step, 's')}"
+    ran = f"warpchain {info.version} on {info.device}, {info.precision}{step}, {info.ended}"
+    lines = [run_line(whole), window, *_energy_lines(row), ran]
+    table = report_tables.chains_table(chains, _least_jump_margins(chains)) if len(chains) > 1 else ""
+    losses = report_tables.losses_table(whole.drive, row)
+    picture = figure_html(drive_figure(whole), "the whole drive with forces on the chain")
+    return html.page_section("drive", "The run and the drive", html.bullets_html(lines), table, losses, picture)
+
+
+def _energy_lines(row: Row) -> list[str]:
+    """A line on what the energy balance misses, if it is known."""
+    missed = row.get("energy_residual_relative")
+    words = title_of_metric("energy_residual_relative")
+    return [] if missed is None else [f"energy balance: {100.0 * missed:.2g} % ({words})"]
 
 
 def tension_parts(found: EngineeringReport, _: Row) -> Iterator[str]:
@@ -106,21 +131,19 @@ def timing_parts(found: EngineeringReport, _: Row) -> Iterator[str]:
 def cycle_parts(found: EngineeringReport, _: Row) -> Iterator[str]:
     """HTML of the report's section on the driver's cycle of two turns."""
     figure = shaft_figures.driver_cycle_figure(found)
-    yield figure_html(figure, "means and envelopes over two turns of the driver")
     if figure is None:
-        yield html.paragraph_html("The window has no whole cycle of two revolutions at about one speed.", muted=True)
+        raise SimulationError("The window has no whole cycle of two revolutions at about one speed.")
+    yield figure_html(figure, "means and envelopes over two turns of the driver")
 
 
 def order_cut_parts(found: EngineeringReport, _: Row) -> Iterator[str]:
     """HTML of the report's section on orders over a run-up's speeds."""
     cut = sweep.run_up_cuts(found)
     if not cut:
-        yield html.paragraph_html(
+        raise SimulationError(
             f"The recording has no {sweep.FEWEST_BLOCKS} blocks of {sweep.BLOCK_TURNS:g} revolutions over speeds that "
-            f"differ by {100.0 * (sweep.LEAST_RISE - 1.0):.0f} %: orders over one speed are in the spectra above.",
-            muted=True,
+            f"differ by {100.0 * (sweep.LEAST_RISE - 1.0):.0f} %: orders over one speed are in the spectra above."
         )
-        return
     yield html.paragraph_html("Amplitudes of orders of the driver against its speed, over the whole recording.")
     for title, (unit, of) in cut.items():
         yield html.heading_html(title.capitalize())
@@ -136,16 +159,15 @@ def guide_parts(found: EngineeringReport, row: Row) -> Iterator[str]:
     )
     yield report_tables.guide_load_table(found, found.metrics(), row)
     for g, guide in enumerate(found.model.guides):
-        yield html.heading_html(guide.name)
-        yield figure_html(part_figures.guide_load_figure(found, g), f"load of {guide.name} over its length")
+        picture = figure_html(part_figures.guide_load_figure(found, g), f"load of {guide.name} over its length")
+        yield html.folded_html(f"{guide.name}: load over its length", picture)
 
 
 def friction_parts(found: EngineeringReport, row: Row) -> Iterator[str]:
     """HTML of the report's section on friction power."""
     figure = part_figures.friction_power_figure(found)
     if figure is None:
-        yield html.paragraph_html("Nothing rubs in this drive.", muted=True)
-        return
+        raise SimulationError("Nothing rubs in this drive.")
     yield report_tables.friction_power_table(found, row)
     yield figure_html(figure, "friction power by group")
 
@@ -173,10 +195,7 @@ def safety_parts(found: EngineeringReport, row: Row) -> Iterator[str]:
 def wear_parts(found: EngineeringReport, _: Row) -> Iterator[str]:
     """HTML of the report's section on wear of the joints."""
     if found.joint_wear is None:
-        yield html.paragraph_html(
-            "The joints have no pin radius: give chain.size or chain.joint.pin_radius.", muted=True
-        )
-        return
+        raise SimulationError("The joints have no pin radius: give chain.size or chain.joint.pin_radius.")
     metrics = found.metrics()
     rows = [
         ["sliding speed of a joint", report_tables.quantity_text(metrics["joints.sliding_speed"], "m/s")],
@@ -243,8 +262,7 @@ def metric_parts(found: EngineeringReport, row: Row) -> Iterator[str]:
         "Over the window at every step, and of the frames in it; docs/metrics.md says how each is formed."
     )
     for name, rows in report_tables.metric_tables(found.model, {**row, **found.metrics()}, found.alike).items():
-        yield html.heading_html(strand_label(name))
-        yield rows
+        yield html.folded_html(strand_label(name), rows)
 
 
 SectionParts = Callable[[EngineeringReport, Row], Iterator[str]]
@@ -280,9 +298,9 @@ def variants_friction_html(run: Run) -> str:
     )
 
 
-def run_sections(found: EngineeringReport, row: Row, run: Run) -> Iterator[html.PageSection]:
-    """Sections of a run's report, one by one, missing channels named."""
-    yield summary_section(found, row, run.info)
+def run_sections(found: EngineeringReport, row: Row, run: Run) -> list[html.PageSection]:
+    """Folded sections of a run's report on one chain; one of them says which others cannot be formed, and why."""
+    sections, absent = [], []
     for name, title, parts, has in RUN_SECTIONS:
         if not has(found):
             continue
@@ -290,10 +308,30 @@ def run_sections(found: EngineeringReport, row: Row, run: Run) -> Iterator[html.
         try:
             made.extend(parts(found, row))
         except SimulationError as error:
-            made.append(html.paragraph_html(str(error), muted=True))
+            made += [html.paragraph_html(str(error), muted=True)] if made else []
+            if not made:
+                absent.append(f"{title}: {error}")
         if name == "friction" and (picture := variants_friction_html(run)):
             made += [html.heading_html("All variants of the run"), picture]
-        yield html.page_section(name, title, *made)
+        sections.append(html.page_section(name, title, *made, folded=True))
+    shown = [section for section in sections if not section.is_empty]
+    left = html.page_section("absent", "Left out", html.bullets_html(absent) if absent else "", folded=True)
+    return [*shown[:-1], *([] if left.is_empty else [left]), *shown[-1:]]
+
+
+def chain_section(name: str, found: EngineeringReport, row: Row, run: Run) -> html.PageSection:
+    """The folded section on one of several chains, with its own sections inside."""
+    boxes = [
+        ("", report_tables.quantity_text(row[metric], "N"), words)
+        for metric, words in (("tension_mean", "mean tension"), ("tension_max", "largest tension"))
+        if row.get(metric) is not None
+    ]
+    inside = [
+        section._replace(name=f"{name} {section.name}", title=f"{name}: {section.title}").section_html()
+        for section in run_sections(found, row, run)
+    ]
+    about = html.paragraph_html(run_line(found.whole))
+    return html.page_section(name, name, about, html.key_numbers_html(boxes), *inside, folded=True)
 
 
 def run_heading(found: EngineeringReport) -> str:
@@ -306,15 +344,42 @@ def run_report_html(
 ) -> str:
     """The engineering report of a recorded variant as HTML; see `report`."""
     chosen = recorded_variant(source, variant)
-    row = chosen.run.metrics.to_pylist()[chosen.run.row_of(chosen.index)]
-    made: list[html.PageSection] = []
-    chains, alike = chain_trajectories(chosen.trajectory), rotation_owners(chosen.trajectory.drive)
-    for name, trajectory in chains.items():
-        found = EngineeringReport(trajectory, *metrics_window(row, trajectory), wear, alike)
-        own = list(run_sections(found, chain_metrics_row(row, name), chosen.run))
-        made += [s._replace(name=f"{name} {s.name}", title=f"{name}: {s.title}") for s in own] if name else own
-        title = title or run_heading(found)
-    return html.page_html(title or "", made)
+    row, run = chosen.run.metrics.to_pylist()[chosen.run.row_of(chosen.index)], chosen.run
+    alike = rotation_owners(chosen.trajectory.drive)
+    chains = {
+        name: (EngineeringReport(part, *metrics_window(row, part), wear, alike), chain_metrics_row(row, name))
+        for name, part in chain_trajectories(chosen.trajectory).items()
+    }
+    first, first_row = next(iter(chains.values()))
+    if len(chains) > 1:
+        rest = [chain_section(name, *of, run) for name, of in chains.items()]
+    else:
+        rest = run_sections(first, first_row, run)
+    sections = [summary_section(chains, row), drive_section(chains, chosen.trajectory, row, run.info), *rest]
+    about = _about_lines(source, chosen.trajectory.drive, run.info)
+    if len(run.drives) > 1:
+        about.insert(0, f"variant {chosen.index} of {len(run.drives)}")
+    return html.page_html(title or run_heading(first), sections, about=about)
+
+
+def _about_lines(source: Run | str | Path, drive: Drive, info: RunInfo) -> list[str]:
+    """Words on what a report is about: the archive's file, the drive's digest, when it ran."""
+    digest = hashlib.sha256(dumps_drive(drive).encode()).hexdigest()[:DIGEST_LETTERS]
+    lines = [f"drive {digest} (SHA-256 of its values)", _date_text(info.created)]
+    if not isinstance(source, Run):
+        with Path(source).open("rb") as file:
+            whole = hashlib.file_digest(file, "sha256").hexdigest()
+        lines.insert(0, f"{Path(source).name} (SHA-256 {whole[:DIGEST_LETTERS]})")
+    return [line for line in lines if line]
+
+
+def _date_text(iso: str) -> str:
+    """A UTC time of ISO 8601 as a page's text; "" where it is unknown."""
+    return f"{iso[:10]} {iso[11:16]} UTC" if iso else ""
+
+
+DIGEST_LETTERS = 16
+"""Hexadecimal digits of a digest on a page."""
 
 
 @check_arguments(SimulationError)
