@@ -58,6 +58,10 @@ class Opened:
     def value(self, expression):
         return self.call("Runtime.evaluate", expression=expression, returnByValue=True)["result"].get("value")
 
+    def unfold(self):
+        """Opens all that is folded but lists of controls."""
+        self.value("document.querySelectorAll('section > details, details.fold').forEach((d) => { d.open = true; })")
+
     def settled(self):
         """Waits until what was asked for is drawn."""
         time.sleep(0.3)
@@ -109,6 +113,8 @@ def page(tmp_path_factory):
         opened.call("Network.emulateNetworkConditions", **off)
         opened.browser.open(file.as_uri())
         wait_for(lambda: opened.value("window.warpchain && document.readyState") == "complete")
+        opened.folded_height = opened.value("document.documentElement.scrollHeight")
+        opened.unfold()
         yield opened
 
 
@@ -116,6 +122,45 @@ def kept(high_tension=40e3):
     table = study()
     tension = np.array(table["tension_max"])
     return (np.array(table["status"]) == "ok") & (tension <= high_tension)
+
+
+def test_the_page_opens_short_with_the_decision_first(page):
+    """At most 6,000 px before anything is opened; designs, then why, then folded parts; as many links as fit."""
+    assert page.folded_height <= 6000
+    assert (
+        page.value("[...document.querySelectorAll('section')].slice(0, 2).map((s) => s.id).join()") == "designs,summary"
+    )
+    assert page.value("document.querySelectorAll('nav a').length") <= 12
+    plain = (
+        "[...document.querySelectorAll('#summary .counts div')].filter((d) => d.querySelector('b').textContent === '0')"
+    )
+    assert page.value(f"{plain}.every((d) => d.className === '')") is True
+
+
+def test_a_link_opens_the_part_that_it_leads_to(page):
+    page.value("document.querySelector('#correlation > details').open = false")
+    page.value("document.querySelector('nav a[href=\"#correlation\"]').click()")
+    page.settled()
+    assert page.value("document.querySelector('#correlation > details').open") is True
+
+
+def test_the_page_is_dark_where_that_is_preferred(page):
+    """Ground, words of drawings and canvases' ink: read as the browser computes and draws them."""
+    ink = "document.querySelector('svg text:not(.cell):not(.axis)')"
+    told = f"[getComputedStyle(document.body).backgroundColor, getComputedStyle({ink}).fill].join('; ')"
+    seen = {}
+    for scheme in ("light", "dark"):
+        features = [{"name": "prefers-color-scheme", "value": scheme}]
+        page.call("Emulation.setEmulatedMedia", features=features)
+        page.settled()
+        page.box("#parallel")
+        page.settled()
+        seen[scheme] = page.value(told), page.picture().mean()
+    page.call("Emulation.setEmulatedMedia", features=[])
+    page.settled()
+    assert seen["light"][0] == "rgb(246, 247, 249); rgb(51, 71, 91)"
+    assert seen["dark"][0] == "rgb(17, 23, 29); rgb(211, 220, 228)"
+    assert seen["light"][1] > 200 and seen["dark"][1] < 80
 
 
 def test_limits_of_the_study_are_set_and_can_be_let_go(page):
@@ -287,6 +332,7 @@ def test_on_a_phone_nothing_is_beside_the_screen(page, tmp_path):
         wait_for(
             lambda: page.value("document.title + (window.warpchain ? document.readyState : '')") == "Phonecomplete"
         )
+        page.unfold()
         page.settled()
         assert page.value("document.querySelectorAll('#chosen tr').length") == 16  # a head, and the first 15
         assert page.value("document.scrollingElement.scrollWidth") == 390

@@ -257,12 +257,15 @@ def pareto_section(results: Results, objectives: Mapping[str, str], by_default: 
             "the table has those of all variants, the picture those of the ones that are kept below."
         ),
         panels.placeholder_html("front-view", f"Pareto front of {words}"),
-        variants_table_html(
-            results, rows, columns, () if today is None else [TODAY if row == today else "" for row in rows]
+        html.folded_html(
+            "The variants on the front",
+            variants_table_html(
+                results, rows, columns, () if today is None else [TODAY if row == today else "" for row in rows]
+            ),
+            html.paragraph_html(f"{len(front) - MOST_FRONT_ROWS} further variants are on the front.")
+            if len(front) > MOST_FRONT_ROWS
+            else "",
         ),
-        html.paragraph_html(f"{len(front) - MOST_FRONT_ROWS} further variants are on the front.")
-        if len(front) > MOST_FRONT_ROWS
-        else "",
     )
 
 

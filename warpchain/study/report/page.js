@@ -1,12 +1,18 @@
 "use strict";
 // A study's report: draws the panels that stand in the page as data, and the views that one can work in.
 (() => {
-  const INK = "#33475b", ACCENT = "#1f77b4", MARK = "#d1495b", GRAY = "#b4bcc4", HIT = "#e08a00";
+  const NAMED = { "#33475b": "figure", "#1f77b4": "accent", "#d1495b": "mark", "#b4bcc4": "pale", "#6a4c93": "other" };  // colors that turn with the page's scheme
+  const style = getComputedStyle(document.documentElement), themed = (name) => style.getPropertyValue(`--${name}`).trim();
+  const shade = (color) => (NAMED[color] ? `var(--${NAMED[color]})` : color);
+  const ACCENT = "#1f77b4", CELL = "#26384a";
+  let INK, MARK, HIT, EDGE;  // of canvases
+  const theme = () => { [INK, MARK, HIT, EDGE] = ["figure", "mark", "hit", "edge"].map(themed); };
+  theme();
   const page = JSON.parse(document.getElementById("report-data").textContent);
   const SVG = "http://www.w3.org/2000/svg";
   const make = (name, attributes = {}, parent = null, text = null) => {
     const node = document.createElementNS(SVG, name);
-    for (const [key, value] of Object.entries(attributes)) node.setAttribute(key, value);
+    for (const [key, value] of Object.entries(attributes)) node.setAttribute(key, shade(value));
     if (text !== null) node.textContent = text;
     if (parent) parent.appendChild(node);
     return node;
@@ -124,7 +130,7 @@
     rows: ({ svg, x, y }, s, color) => s.y.forEach((at, k) => {
       const [a, b] = [x.at(s.from ? s.from[k] : 0), x.at((s.from ? s.from[k] : 0) + s.x[k])], thick = (s.thick || 0.36) * Math.abs(y.at(1) - y.at(0));
       make("rect", { x: a, width: Math.max(0, b - a), y: y.at(at) - thick / 2, height: thick, fill: color }, svg);
-      if (s.error && s.error[k]) make("path", { d: `M${x.at(s.x[k] - s.error[k])},${y.at(at)}H${x.at(s.x[k] + s.error[k])}`, stroke: INK }, svg);
+      if (s.error && s.error[k]) make("path", { d: `M${x.at(s.x[k] - s.error[k])},${y.at(at)}H${x.at(s.x[k] + s.error[k])}`, stroke: "#33475b" }, svg);
     }),
     cells: ({ svg, x, y }, s) => s.x.forEach((cx, k) => {
       const v = s.value[k], w = Math.abs(x.at(1) - x.at(0)), h = Math.abs(y.at(1) - y.at(0));
@@ -132,7 +138,7 @@
       const part = Math.min(1, Math.abs(v)), color = v > 0 ? [178, 24, 43] : [33, 102, 172];
       const fill = `rgb(${color.map((c) => Math.round(255 + (c - 255) * part)).join(",")})`;
       make("rect", { x: x.at(cx) - w / 2, y: y.at(s.y[k]) - h / 2, width: w, height: h, fill }, svg);
-      make("text", { x: x.at(cx), y: y.at(s.y[k]) + 4, "text-anchor": "middle", fill: part > 0.6 ? "white" : s.faint[k] ? "#9aa3ab" : INK, class: "cell" }, svg, (v > 0 ? "+" : "") + v.toFixed(2).replace("-", "−"));
+      make("text", { x: x.at(cx), y: y.at(s.y[k]) + 4, "text-anchor": "middle", fill: part > 0.6 ? "white" : s.faint[k] ? "#7d8890" : CELL, class: "cell" }, svg, (v > 0 ? "+" : "") + v.toFixed(2).replace("-", "−"));
     }),
     level: ({ svg, inner, y }, s, color) => make("line", { x1: inner.left, x2: inner.right, y1: y.at(s.y[0]), y2: y.at(s.y[0]), stroke: color, "stroke-dasharray": "5 4" }, svg),
     upright: ({ svg, inner, x }, s, color) => make("line", { y1: inner.top, y2: inner.bottom, x1: x.at(s.x[0]), x2: x.at(s.x[0]), stroke: color, "stroke-dasharray": s.dash || "" }, svg),
@@ -147,10 +153,23 @@
       const named = panel.series.filter((s) => s.label);
       if (named.length) {
         const legend = html("figcaption", place);
-        for (const s of named) { const word = html("span", legend, s.label); word.style.setProperty("--color", s.color || ACCENT); }
+        for (const s of named) { const word = html("span", legend, s.label); word.style.setProperty("--color", shade(s.color || ACCENT)); }
       }
     }
   }
+
+  // ------------------------------------------------------------------------------------------------ folded parts
+  const folds = () => [...document.querySelectorAll("section > details:not(.figure), section details.fold")];
+  let closed = [];
+  addEventListener("beforeprint", () => { closed = folds().filter((part) => !part.open); for (const part of closed) part.open = true; });
+  addEventListener("afterprint", () => { for (const part of closed) part.open = false; });
+  const unfold = () => {  // the part that a link leads to
+    let part = document.getElementById(decodeURIComponent(location.hash.slice(1)));
+    if (part && part.firstElementChild && part.firstElementChild.tagName === "DETAILS") part.firstElementChild.open = true;
+    for (; part; part = part.parentElement) if (part.tagName === "DETAILS") part.open = true;
+  };
+  addEventListener("hashchange", unfold);
+  unfold();
 
   // ------------------------------------------------------------------------------------------------ the rows
   const rows = page;
@@ -312,7 +331,7 @@
         pen.textAlign = i === list.length - 1 ? "right" : "left";
         const side = i === list.length - 1 ? -5 : 5;
         for (const [v, word] of marksOf(c, 5)) {
-          pen.strokeStyle = "rgba(255,255,255,0.85)"; pen.lineWidth = 3; pen.strokeText(word, px + side, up(c, v) + 3);
+          pen.strokeStyle = themed("card"); pen.lineWidth = 3; pen.strokeText(word, px + side, up(c, v) + 3);
           pen.fillText(word, px + side, up(c, v) + 3);
         }
         const range = filters.get(index);
@@ -347,7 +366,7 @@
     const dot = (k, r) => { const [x, y] = [cx().values[k], cy().values[k]]; if (finite(x) && finite(y)) pen.fillRect(ax(x + spread(cx(), k)) - r, ay(y + spread(cy(), k)) - r, 2 * r, 2 * r); };
     const draw = () => {
       pen.clearRect(0, 0, size[0], size[1]);
-      pen.strokeStyle = "#c9d1d8"; pen.lineWidth = 1; pen.strokeRect(left, top, right - left, bottom - top);
+      pen.strokeStyle = EDGE; pen.lineWidth = 1; pen.strokeRect(left, top, right - left, bottom - top);
       pen.fillStyle = INK; pen.font = "10px system-ui, sans-serif";
       if (!options.edge) {
         pen.strokeStyle = "#8a96a1"; pen.beginPath();
@@ -414,11 +433,17 @@
     canvas.setAttribute("aria-label", `${c.name}: ${marks.map(([, word]) => word).join(", ")}`);
     pen.fillStyle = INK; pen.font = "10px system-ui, sans-serif"; pen.textAlign = upright ? "right" : "center";
     const room = upright ? size[0] - 4 : size[0] / marks.length;
-    for (const [v, word] of marks) {
-      const part = (v - c.low) / (c.high - c.low || 1);
-      if (upright) pen.fillText(word, size[0] - 2, size[1] - PAD - part * (size[1] - 2 * PAD) + 3, room);
-      else pen.fillText(word, PAD + part * (size[0] - 2 * PAD), 11, room);
-    }
+    const draw = () => {
+      pen.clearRect(0, 0, size[0], size[1]);
+      pen.fillStyle = INK;
+      for (const [v, word] of marks) {
+        const part = (v - c.low) / (c.high - c.low || 1);
+        if (upright) pen.fillText(word, size[0] - 2, size[1] - PAD - part * (size[1] - 2 * PAD) + 3, room);
+        else pen.fillText(word, PAD + part * (size[0] - 2 * PAD), 11, room);
+      }
+    };
+    draw();
+    views.push(draw);
   };
   const matrix = (parent) => {
     const grid = html("div", parent, null, "matrix"), n = crossed.length, edge = 44;
@@ -540,5 +565,6 @@
   for (const table of document.querySelectorAll("table:not(#chosen)")) named(table);
   choose();
   for (const view of views) view();
+  matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => { theme(); refresh(); });
   window.warpchain = { kept: () => kept, marked: () => (marked < 0 ? null : rows.variant[marked]), filters: () => Object.fromEntries([...filters].map(([i, r]) => [columns[i].name, r])), front: () => front.reduce((s, v) => s + v, 0) };
 })();

@@ -36,14 +36,19 @@ LEVEL_COLORS = ("#1f77b4", "#6a4c93", "#d1495b")
 MOST_DOTS = 300
 
 
-def report_page_html(title: str, sections: Sequence[html.PageSection], rows: Mapping[str, Any] | None = None) -> str:
-    """HTML document of a report with sections, data and script."""
+def report_page_html(
+    title: str,
+    sections: Sequence[html.PageSection],
+    rows: Mapping[str, Any] | None = None,
+    about: Sequence[str] = (),
+) -> str:
+    """HTML document of a report with sections, data and script; `about` is what it is of."""
     style, script = (read_text_file(_FOLDER / name, "text", StudyError) for name in ("page.css", "page.js"))
     end = (
         f'<div id="tip"></div>\n<script type="application/json" id="report-data">{json_script_text(rows)}</script>\n'
         f"<script>\n{script}</script>\n"
     )
-    return html.page_html(title, sections, style, end)
+    return html.page_html(title, sections, style, end, about)
 
 
 def json_script_text(values: Any) -> str:

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import hashlib
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from datetime import UTC, datetime
 from fnmatch import fnmatch
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeAlias
@@ -108,6 +110,7 @@ def _report_parts(
     objectives: Mapping[str, str] | None,
     notes: Mapping[str, str] | None,
     wanted: ReportGoals | None,
+    about: Sequence[str] = (),
 ) -> tuple[str, Results, list[RecommendedDesign]]:
     """HTML report of a study, rows compared, and recommended designs."""
     if not results.table.num_rows:
@@ -140,15 +143,15 @@ def _report_parts(
         few = html.page_section(
             "none", "No analysis", html.paragraph_html("Fewer than three variants have a metric that varies.")
         )
-        return panels.report_page_html(title, [summary, _factors_section(results), ends, few]), designs, []
+        return panels.report_page_html(title, [summary, few, _factors_section(results), ends], about=about), designs, []
     judged = replace(wanted, objectives=over.objectives if wanted.objectives else (), bounds=over.bounds)
     first, recommended = recommended_section(designs, judged)
     surrogates = _surrogates_of_metrics(results, enough)
     sections = [
-        summary,
         first,
-        search_section(designs, judged, recommended),
+        summary,
         pareto_section(designs, chosen, not wanted.objectives),
+        search_section(designs, judged, recommended),
         html.page_section(
             "explore",
             "Explore the variants",
@@ -175,7 +178,9 @@ def _report_parts(
     telling = [name for name in _telling_factors(ranked) or results.factors if name in designs.factors]
     explored = designs.metrics if results.noise_factors else shown
     data = explorer_data(designs, explored, telling, chosen, judged, recommended)
-    return panels.report_page_html(title, [section for section in sections if section], data), designs, recommended
+    open_names = ("designs", "summary", "front")
+    pages = [section._replace(folded=section.name not in open_names) for section in sections if section]
+    return panels.report_page_html(title, pages, data, about), designs, recommended
 
 
 def _sample_note(results: Results, sample: Results) -> str:
@@ -232,8 +237,9 @@ def _study_summary(
     """HTML section with the study in short: statuses, verdicts, notes."""
     effects, pairs, chances, unranked = analyzed
     status = results.status
-    boxes = f'<div class="counts"><div><b>{len(status)}</b>variants</div>' + "".join(
-        f'<div class="{word}"><b>{status.count(word)}</b>{word}</div>' for word in ROW_STATUSES
+    counts = [(word, status.count(word)) for word in ROW_STATUSES]
+    boxes = html.key_numbers_html(
+        [("", str(len(status)), "variants"), *((word if count else "", str(count), word) for word, count in counts)]
     )
     lines = left_out.lines()
     for metric, found in effects.items():
@@ -242,7 +248,7 @@ def _study_summary(
             words = _verdict_text(results, metric, found, pairs[metric], chances[metric])
         lines.append(f"{_range_text(results, metric)}; {words}")
     noted = html.table_html(("about the study", ""), list(notes.items())) if notes else ""
-    return html.page_section("summary", "In short", boxes + "</div>", html.bullets_html(lines) if lines else "", noted)
+    return html.page_section("summary", "In short", boxes, html.bullets_html(lines) if lines else "", noted)
 
 
 def _range_text(results: Results, metric: str) -> str:
@@ -537,9 +543,27 @@ def write_report(
     target = Path(output)
     if wanted is not None and has_study_files(wanted.folder):
         wanted = replace(wanted, page=target.stem)
-    text, designs, recommended = _report_parts(results, heading, metrics, objectives, notes, wanted)
+    about = _about_lines(source, wanted)
+    text, designs, recommended = _report_parts(results, heading, metrics, objectives, notes, wanted, about)
     files = []
     if wanted is not None and wanted.folder is not None and wanted.page is not None:
         files = write_recommended_drives(wanted.folder, target, designs, recommended)
     write_study_text(target, text)
     return [target, *files]
+
+
+TABLE_FILES = ("results.parquet", "results.csv")
+"""Files of a study's folder that hold its table."""
+
+
+def _about_lines(source: object, wanted: ReportGoals | None) -> list[str]:
+    """Words on the file that a report is of: name, digest, date; none of a table in memory."""
+    path = source if isinstance(source, str | Path) else None
+    if path is None and wanted is not None and wanted.folder is not None:
+        path = next((file for name in TABLE_FILES if (file := Path(wanted.folder) / name).is_file()), None)
+    if path is None or not Path(path).is_file():
+        return []
+    with Path(path).open("rb") as data:
+        digest = hashlib.file_digest(data, "sha256").hexdigest()[:16]
+    changed = datetime.fromtimestamp(Path(path).stat().st_mtime, UTC)
+    return [f"{path} (SHA-256 {digest})", f"{changed:%Y-%m-%d %H:%M} UTC"]
