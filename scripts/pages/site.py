@@ -50,6 +50,7 @@ GROUPS = {
         "modes",
         "modes-validation",
         "scripts",
+        "stepping",
         "interchange",
         "archive",
         "formats",
