@@ -1,7 +1,6 @@
 """A Warp module for each kernel, found again at a later start by a digest of its sources.
 
-Warp's own hash of all that a kernel reaches takes about 0.1 s a kernel. Warp adds its version, options and the
-processor.
+It saves Warp's own hash of 0.1 s a kernel. Warp adds its version, options and the processor.
 """
 
 import hashlib

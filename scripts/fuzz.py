@@ -312,6 +312,7 @@ class Fuzz:
         self.recorded = recorded_trajectories(self.results, self.home)
 
     def drives(self, draw: Draw) -> None:
+        """A changed drive file: read, assembled, and written and read again."""
         path = self.folder / "case.toml"
         path.write_bytes(draw(changed_text(draw(one_of(self.texts)))))
         drive = load_drive(path)
@@ -320,6 +321,7 @@ class Fuzz:
         assert loads_drive(dumps_drive(drive)) == drive
 
     def studies(self, draw: Draw) -> None:
+        """A changed study file: read, its drives built, and written and read again."""
         path, text = self.folder / "study.toml", draw(one_of(self.texts_of_studies))
         path.write_bytes(draw(changed_study(text) | changed_text(text)))
         study = load_study(path)
@@ -329,6 +331,7 @@ class Fuzz:
         assert loads_study(dumps_study(study)) == study
 
     def tables(self, draw: Draw) -> None:
+        """A changed table of a drive, study or signal."""
         path, file = self.folder / "case.csv", self.folder / "case.toml"
         match draw(number_below(7)):
             case 0 | 1:
@@ -360,6 +363,7 @@ class Fuzz:
                 build_drives(self.base, study, make_design(study, file))
 
     def conventions(self, draw: Draw) -> None:
+        """A text table in any convention, whose numbers must come back."""
         rows, text, encoding = draw(written_table())
         path, data = self.folder / "case.txt", text.encode(encoding)
         is_changed = draw(st.booleans())
@@ -375,6 +379,7 @@ class Fuzz:
             assert is_changed or np.allclose(column, values, rtol=1e-12, atol=0.0), "other numbers than were written"
 
     def archives(self, draw: Draw) -> None:
+        """A changed archive: recovered and read."""
         path, fixed, data = self.folder / "case.mcap", self.folder / "fixed.mcap", draw(one_of(self.files))
         path.write_bytes(draw(changed_bytes(data) | changed_bytes(data) | changed_records(data)))
         with contextlib.suppress(WarpchainError):  # a lost drive
@@ -383,6 +388,7 @@ class Fuzz:
         self.compare(path, whole=True)
 
     def folders(self, draw: Draw) -> None:
+        """A study's folder with changed files."""
         home = self.folder / "case"
         shutil.rmtree(home, ignore_errors=True)
         shutil.copytree(self.home, home)

@@ -1,8 +1,8 @@
 """Neighbor list on the CPU: runs of rollers that can come near a partner within the next steps.
 
-Every so often all rollers are compared with each partner, widened by a skin. Those found are kept as runs of up to
-`GROUP` rollers in a row. As long as no roller and no body is faster than a limit, none of the others comes through more
-than 0.7 of the skin while the runs hold, so that results do not depend on runs.
+Every so often all rollers are compared with each partner, widened by a skin; those found are kept as runs of up to
+`GROUP` rollers in a row. While no roller or body is faster than a limit, no other comes through more than 0.7 of the
+skin as long as the runs hold, so that results do not depend on runs.
 """
 
 from dataclasses import dataclass

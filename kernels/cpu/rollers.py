@@ -1,8 +1,7 @@
 """The rollers of one variant on the CPU: their rows in a scratch, link forces, kick and drift.
 
 Rows have a constant length (`rows`). Read and written through `native.row_access` in plain loops (`while`, not `range`)
-without branches, they vectorize: 1,080 million link forces a second on one core with AVX-512, against 115 with Warp's
-strided array indexing (docs/performance.md).
+without branches, they vectorize (docs/performance.md).
 """
 
 from dataclasses import dataclass, fields

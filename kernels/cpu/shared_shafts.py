@@ -1,7 +1,7 @@
 """Shafts that several chains of a drive have in common, on the CPU.
 
-Each chain is a row of `Drive` with bodies of its own, one row after the other. Accelerations of the bodies of one
-shaft, whose inertia each of them has, are added in their order, and all of them take the sum.
+Each chain is a row of `Drive` with bodies of its own. Accelerations of the bodies of one shaft, each of which has its
+inertia, are added in order, and all take the sum.
 """
 
 from dataclasses import dataclass

@@ -1,11 +1,11 @@
 """The block kernel: one block of threads a variant, the whole time loop inside.
 
-Thread i has the rollers i, i + threads, ...: one each where variants are few, all of the chain on one warp where they
-are many, which then waits for no other. Rollers lie in shared rows. A few threads also take a body each on.
-Whatever does not happen every step waits for the next event. One kernel is made for each `BlockKind`.
+Thread i has the rollers i, i + threads, ...: one each where variants are few; where they are many, one warp has all of
+a chain and waits for no other. Rollers lie in shared rows. A few threads also move a body each. What does not happen
+every step waits for the next event. One kernel is made for each `BlockKind`.
 
-Where the code is long, several variants of a warp each share a block. Each is worked out as by itself; but
-now and then they wait for each other, so that code which does not fit the instruction caches is fetched once for all.
+Where code is long, several variants of a warp each share a block. They wait for each other now and then, so that code
+beyond the instruction caches is fetched once for all.
 """
 
 from functools import cache

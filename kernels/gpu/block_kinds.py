@@ -142,7 +142,7 @@ class BlockKind:
 
     @property
     def has_oil_warp(self) -> bool:
-        """Whether another warp has the oil of all variants of a block (`oil_warp`): of several that have tensioners."""
+        """Whether another warp has the oil of a block's variants (`oil_warp`): of several with tensioners."""
         return self.shape.variants_per_block > 1 and self.parts.tensioners > 0
 
     @property
@@ -173,7 +173,7 @@ class BlockKind:
 
     @property
     def has_common_path(self) -> bool:
-        """Whether steps of one warp without a frame have code of their own, without anything that only frames want."""
+        """Whether steps of one warp without a frame have code of their own, without what only frames want."""
         more = self.moving or self.parts.hubs or self.parts.is_tied
         long = self.profiles or (self.measuring and self.Real == wp.float32 and more)
         return not (self.has_stages or long)

@@ -71,7 +71,7 @@ def body_functions(kind: BlockKind) -> BodyFunctions:
 
     @wp.func
     def displacement(pose: Pose, mount: kinds.Mount):
-        """A body's center from where it is at home [m]; 0 in kernels whose bodies do not move."""
+        """A body's center from its home [m]; 0 in kernels whose bodies do not move."""
         if wp.static(kind.moving):
             return displacement_from_home(pose.center, mount)
         else:

@@ -77,7 +77,7 @@ def body_state_functions(kind: BlockKind) -> BodyStateFunctions:
 
     @wp.func
     def place_carried_sprocket(shared: Shared, b: int):
-        """Takes body b along with the arm that carries it, where one does; after a barrier, as that may have moved."""
+        """Takes body b along with the arm that carries it, if any; after a barrier, as that may have moved."""
         if wp.static(kind.parts.hubs):
             if b >= 0 and b < sprockets:
                 hub = shared.hubs[b]

@@ -1,6 +1,6 @@
 """Arms that hang on arms, on blocks: what acts between them, and how each accelerates the other (`physics.hub`, (b)).
 
-Before any body moves each arm's thread shares what it finds of its own arm, and reads that of those beside it.
+Before any body moves each arm's thread shares its own arm's part, and reads its neighbors'.
 """
 
 from dataclasses import dataclass
@@ -90,7 +90,7 @@ def carried_arm_functions(kind: BlockKind) -> CarriedArmFunctions:
 
     @wp.func
     def add_carried_wrenches(ensemble: Ensemble, shared: Shared, mine: ThreadParts, acting: of_three):
-        """The chain's moment and force on the thread's body with those on arms on it; all threads together."""
+        """The chain's moment and force on the thread's body and on arms on it; all threads together."""
         if wp.static(kind.parts.jointed):
             if mine.arm >= 0:
                 shared.carried_arms[mine.arm].force = vec2(acting[1], acting[2])

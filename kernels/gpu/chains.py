@@ -1,9 +1,8 @@
-"""Several chains of a variant on one block, where they stand as one: rollers, sprockets, guides and arms of all chains
-one after the other, those of the first chain first.
+"""Several chains of a variant on one block, one after the other: rollers, sprockets, guides and arms.
 
-So all threads are at work on all chains at once, and bodies of one shaft pass on moments as trains do. Which chain a
-roller is of decides its neighbors, what it may touch, and where state and sums have what is its own: each chain
-is a row of `Drive`, and lies there as if it were alone. With one chain nothing is looked up.
+All threads are at work on all chains at once, and bodies of one shaft pass on moments as trains do. A roller's chain
+decides its neighbors, what it may touch, and the row of `Drive` where its state and sums lie. With one chain nothing is
+looked up.
 """
 
 from dataclasses import dataclass
@@ -143,7 +142,7 @@ def chain_functions(kind: BlockKind) -> ChainFunctions:
 
     @wp.func
     def body_on_block(ensemble: Ensemble, shared: Shared, row: int, chain: int, b: int):
-        """The body among those of the variant that is body `b`, or the ground, of its chain in a row of the drives."""
+        """The variant's body that is body `b`, or the ground, of its chain in a row of the drives."""
         if wp.static(several):
             drive = ensemble.drives[row]
             arm = b - (drive.bodies - drive.arms)

@@ -1,6 +1,6 @@
 """The block kernels' contacts: forces of teeth and guide-bars on the rollers that touch them.
 
-A contact's memory (seat, v0) and its sums stay where the state and the tallies have them, which the cache holds.
+A contact's memory (seat, v0) and sums stay in the state and the tallies, which the cache holds.
 """
 
 from dataclasses import dataclass

@@ -90,7 +90,7 @@ def contact_functions(kind: BlockKind) -> ContactFunctions:
 
     @wp.func
     def with_memory(state: State, contact: Contact, at: int):
-        """`contact` with what the contact at `at` has kept; loaded at once, as each load is waited for."""
+        """`contact` with what the contact at `at` has kept, loaded at once to wait once."""
         contact.impact_speed = access.load(state.impact_speed, at)
         contact.damper_speed = access.load(state.damper_speed, at)
         if wp.static(kind.friction.contacts):
@@ -127,7 +127,7 @@ def contact_functions(kind: BlockKind) -> ContactFunctions:
 
     @wp.func
     def dissipating_force(force: vec2, damper: Real, normal: vec2):
-        """The force whose power is taken from motion: a contact's, with stages the part of it that damps [N]."""
+        """The force that takes power from motion: a contact's, with stages its damping part [N]."""
         if wp.static(kind.has_stages):
             return damper * normal
         else:

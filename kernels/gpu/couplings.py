@@ -38,14 +38,14 @@ def coupling_functions(kind: BlockKind) -> CouplingFunctions:
 
     @wp.func
     def coupling_and_bodies(ensemble: Ensemble, shared: Shared, mine: ThreadParts, c: int):
-        """Coupling c of all, which is of the chain of the thread's body, and its bodies on the block, or the ground."""
+        """Coupling c of all, of the chain of the thread's body, and its bodies on the block, or the ground."""
         coupling, row, chain = ensemble.couplings[c], mine.drive_row, mine.drive_row - mine.variant
         first = chains.body_on_block(ensemble, shared, row, chain, coupling.first)
         return coupling, first, chains.body_on_block(ensemble, shared, row, chain, coupling.second)
 
     @wp.func
     def coupling_state_now(ensemble: Ensemble, state: State, shared: Shared, mine: ThreadParts, c: int, time: Any):
-        """State of coupling c of all from the step's start on; both bodies' threads find it, before either moves."""
+        """State of coupling c of all at the step's start, found by both bodies' threads before either moves."""
         coupling, one, other = coupling_and_bodies(ensemble, shared, mine, c)
         first, second = shared.poses[wp.max(one, 0)], shared.poses[other]
         return coupling_state(time, first, second, state.couplings[c], coupling, ensemble.tables)

@@ -69,8 +69,9 @@ def hub_functions(kind: BlockKind) -> HubFunctions:
 
     @wp.func
     def end_hub_step(shared: Shared, mine: ThreadParts, now: Now):
-        """Adds up what the bearing of the thread's sprocket takes, and takes that along with its arm; all threads
-        together, once all bodies are a step or a stage on.
+        """Adds what the bearing of the thread's sprocket takes, and moves that sprocket with its arm.
+
+        All threads together, once all bodies are a step or a stage on.
         """
         if wp.static(kind.parts.hubs):
             sync.barrier()

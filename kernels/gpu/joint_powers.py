@@ -51,7 +51,7 @@ def joint_power_functions(kind: BlockKind) -> JointPowerFunctions:
 
     @wp.func
     def friction_power(ensemble: Ensemble, state: State, shared: Shared, mine: ThreadParts, j: int, lag: Real):
-        """Power that joint j dissipates [W], worked out anew from the links beside it, at rates from `lag` later."""
+        """Power that joint j dissipates [W], found anew from the links beside it, at rates from `lag` later."""
         last = chains.previous_roller(shared, j, mine.rollers)
         tension_before, turn_before, later_before = tension_and_turn_rates(ensemble, shared, mine, last, lag)
         tension, turn, later = tension_and_turn_rates(ensemble, shared, mine, j, lag)

@@ -60,8 +60,9 @@ def joint_functions(kind: BlockKind) -> JointFunctions:
 
     @wp.func
     def moment_between_links(before: vec2, after: vec2, held: Real, chain: Chain, stretched: Real):
-        """Moment [N m] of the joint between two links, given tension [N] and rate of turning [rad/s] of each, and what
-        its bristle holds after it has held `held` [N m].
+        """Moment [N m] of the joint between two links, and what its bristle then holds [N m].
+
+        Of each link tension [N] and rate of turning [rad/s]; the bristle has held `held` [N m].
         """
         mu = chain.joint.mu_dynamic
         if wp.static(kind.friction.joints == BY_SPEED):
@@ -80,7 +81,7 @@ def joint_functions(kind: BlockKind) -> JointFunctions:
 
     @wp.func
     def joint_moment(shared: Shared, mine: ThreadParts, now: Now, j: int, held: Real):
-        """Moment [N m] of joint j, whose bristle has held `held` [N m], and what it holds, from the rows."""
+        """Moment [N m] of joint j, and what its bristle holds [N m] after `held`, from the rows."""
         n, rows, stretched = mine.rollers, shared.rows, rollers.stretch_part(now)
         return moment_between_links(
             tension_and_turn_rate(rows, chains.previous_roller(shared, j, n)),

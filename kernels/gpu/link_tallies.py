@@ -110,7 +110,7 @@ def link_tally_functions(kind: BlockKind) -> LinkTallyFunctions:
 
     @wp.func
     def widen_extremes_of_warp(shared: Shared, i: int, tension: of_each):
-        """Holds the tensions of thread i's links against its warp's extremes, which no other thread does just now."""
+        """Widens the warp's extremes by tensions of thread i's links, while no other thread does."""
         for k in range(rollers_per_thread):
             at = extremes_index(i, strands.stored_strand(shared, i, k))
             if tension[k] < access.load(shared.link_sums, at):
@@ -120,9 +120,9 @@ def link_tally_functions(kind: BlockKind) -> LinkTallyFunctions:
 
     @wp.func
     def widen_extremes(shared: Shared, i: int, tension: of_each):
-        """Holds the tensions of the links of thread i's warp against the extremes so far: rarely one is beyond.
+        """Widens the extremes so far by tensions of the links of thread i's warp, rarely beyond.
 
-        Those threads that have such a link then take turns.
+        Threads with such a link take turns.
         """
         beyond = int(0)
         for k in range(rollers_per_thread):
@@ -140,7 +140,7 @@ def link_tally_functions(kind: BlockKind) -> LinkTallyFunctions:
     def add_rates(shared: Shared, i: int, rate: of_each, weight: Real):
         """Adds one step's squared rates of thread i's links to their sums; `weight` is the time it stands for [s].
 
-        Each link has a sum of its own, so that what comes out is the same however many links a thread has.
+        Each link has a sum of its own, the same on any number of threads.
         """
         for k in range(rollers_per_thread):
             at = RATES + k * threads + i

@@ -93,9 +93,9 @@ def link_functions(kind: BlockKind) -> LinkFunctions:
     ):
         """Sets the force of both its links on each roller; all threads together.
 
-        Returns tension [N] and rate of elongation [m/s] of the thread's links. They are worked out one after the other
-        without a branch, so that one's latency hides behind the others' work. A thread with one roller works out the
-        link before it too, and waits for no other.
+        Returns tension [N] and rate of elongation [m/s] of the thread's links, found one after the other without a
+        branch, so
+        that latencies overlap. A thread with one roller finds the link before it too, and waits for no other.
         """
         n, i = mine.rollers, mine.thread
         tension = of_each()

@@ -42,7 +42,7 @@ def load_functions(kind: BlockKind) -> LoadFunctions:
     def body_load(ensemble: Ensemble, shared: Shared, mine: ThreadParts, rounded: Real, time: Any, pose: Pose):
         """Moment on the thread's body [N m] of its load, or of an arm's own springs and weight.
 
-        That of a prescribed body is worked out and thrown away, so that the threads of a warp do not part.
+        Found for prescribed bodies, too, so that a warp's threads do not part.
         """
         motion = shared.motions[mine.body]
         tabulated = Real(0.0)

@@ -55,8 +55,9 @@ def near_partner_functions(kind: BlockKind) -> NearPartnerFunctions:
 
     @wp.func
     def partners_near_now(shared: Shared, mine: ThreadParts):
-        """The partners that each of the thread's rollers may touch, as bits: sprockets whose band it is in, guides it
-        is on. Each partner is read once for all rollers.
+        """Bits of the partners that the thread's rollers may touch: sprockets in whose band, guides on which they are.
+
+        Each partner is read once for all rollers.
         """
         found = of_each()
         s = int(0)  # loops that Warp does not unroll, or many partners would take minutes to compile

@@ -1,9 +1,8 @@
 """Shared memory of a block: its arrays, how long each is, and where it lies.
 
-Up to `DECLARED` bytes of them a kernel declares; the rows of longer chains lie in what each launch asks for, where the
-GPU has that much, else in global memory. Blocks of several variants have all of theirs in what the launch asks for, one
-variant's after the other's. On the CPU the arrays are static. What each thread does between two barriers touches
-nothing that another one reads.
+A kernel declares up to `DECLARED` bytes; rows of longer chains lie in what each launch asks for, else in global memory.
+Blocks of several variants ask for all of theirs, one variant's after the other's. On the CPU the arrays are static.
+Between two barriers a thread touches nothing that another one reads.
 """
 
 from collections.abc import Mapping
@@ -60,7 +59,7 @@ def extreme_values(kind: BlockKind) -> int:
 
 
 def strand_bits(kind: BlockKind) -> int:
-    """Bits of the strand that a link is on: of a sprocket each, on none of a chain, or that there is no such link."""
+    """Bits of the strand that a link is on: a sprocket's, none of a chain, or no such link."""
     return (kind.parts.sprockets + kind.parts.chains).bit_length()
 
 
@@ -70,7 +69,7 @@ def strand_words(kind: BlockKind) -> int:
 
 
 def joint_work_values(kind: BlockKind) -> int:
-    """Values of the work of joints' friction: one a roller, so that their sum is the same whatever a thread has."""
+    """Values of the work of joints' friction, one a roller: their sum is the same on any number of threads."""
     return (kind.friction.joints > 0) * kind.shape.slots
 
 
@@ -219,7 +218,7 @@ def array_view(Real: type) -> wp.Function:
 
 
 def _array_function(kind: BlockKind, of: BlockMemory, name: str) -> wp.Function:
-    """The function that gives an array of the block's own shared memory, or the variant's part of it; empty if none."""
+    """The function that gives an array of the block's shared memory, or the variant's part; empty if none."""
     dtype = kind.types.Shared.vars[name].type.dtype
 
     @wp.func_native(_array_code(kind, of, name, size_of(dtype)))

@@ -124,7 +124,7 @@ def add_to_element(sums: wp.array[wp.int32], at: int, value: int):
 #endif
 """)
 def raise_element(values: wp.array[wp.float64], at: int, value: wp.float64):
-    """Raises what stands at `at` in global memory, not negative, to `value`, and does not wait for it.
+    """Raises what stands at `at` in global memory, not negative, to `value`, without waiting.
 
     As whole numbers, bits of positive numbers have their order.
     """
@@ -240,7 +240,7 @@ def sync_functions(kind: BlockKind) -> SyncFunctions:
 
     @wp.func_native(code_by_device("return 0;", SUM_OF_LANES))
     def sum_of_lanes(parts: wp.array[Real], first: int, count: int) -> Real:
-        """Sum of `count` parts from `first` on, on the CPU, in the order in which a group's threads add them up."""
+        """Sum of `count` parts from `first` on, on the CPU, in the order of a group's threads."""
 
     @wp.func_native(LARGEST)
     def warp_max(value: Real) -> Real:

@@ -1,9 +1,8 @@
 """Tensioners on blocks of threads: what they do to the body that they push, and how their oil goes on.
 
-The oil wants no more than where its plunger is, and nothing wants it before the next step's contacts are done. So where
-many variants share a block, a warp of its own takes the oil of all of them on, a tensioner a thread, while the others
-are at the next step: by itself a thread would have its whole warp wait. They wait for each other by a number that
-stands beside each stroke.
+Oil needs only where its plunger is, and is needed after the next step's contacts. So where many variants share a block,
+a warp of its own takes the oil of all on, a tensioner a thread, while the others are at the next step. They wait for
+each other by a number beside each stroke.
 """
 
 from dataclasses import dataclass
@@ -68,7 +67,7 @@ def tensioner_functions(kind: BlockKind) -> TensionerFunctions:
     def add_tensioner_forces(
         ensemble: Ensemble, state: State, mine: ThreadParts, stage: int, pose: Pose, wrench: kinds.Wrench
     ):
-        """The wrench on the thread's body, at `pose` in a stage, with what its tensioners do to it."""
+        """The wrench on the thread's body, at `pose` in a stage, with its tensioners'."""
         kept = True
         if wp.static(kind.has_stages):
             kept = stage == 0
@@ -116,9 +115,9 @@ def tensioner_functions(kind: BlockKind) -> TensionerFunctions:
 
     @wp.func
     def find_supplies(ensemble: Ensemble, state: State, shared: Shared, mine: ThreadParts, time: kinds.Number):
-        """Finds what tabulated supplies of the tensioners of the thread's body have at a step's start [s].
+        """Finds supply pressures of the tensioners of the thread's body, where tabulated, at a step's start [s].
 
-        No body moves meanwhile: what turns a pump is another thread's.
+        No body moves meanwhile: another thread has what turns a pump.
         """
         drive = ensemble.drives[mine.drive_row]
         for t in range(drive.first_tensioner, drive.first_tensioner + chains.tensioner_count(drive)):
@@ -178,7 +177,7 @@ def tensioner_functions(kind: BlockKind) -> TensionerFunctions:
 
     @wp.func
     def serve_tensioner(ensemble: Ensemble, state: State, shared: Shared, variant: int, k: int):
-        """Takes the oil of a variant's tensioner k along, whenever that is asked for, until the launch is over."""
+        """Takes the oil of a variant's tensioner k along whenever asked, until the launch is over."""
         mine = thread_parts(ensemble.drives[variant], variant, k, -1)
         asked = oil_warp.request_of(shared.strokes, k)
         while asked != OVER:
@@ -191,7 +190,7 @@ def tensioner_functions(kind: BlockKind) -> TensionerFunctions:
 
     @wp.func
     def serve_variant(ensemble: Ensemble, state: State, shared: Shared, order: wp.array[wp.int32], number: int, k: int):
-        """Whether a thread has no part in a variant; if `k` is not negative it has taken a tensioner's oil along."""
+        """Whether a thread has no part in a variant; for `k` >= 0 it has taken a tensioner's oil along."""
         over = False
         if wp.static(kind.has_oil_warp):
             if k >= 0:

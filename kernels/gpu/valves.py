@@ -74,7 +74,7 @@ def valve_functions(kind: BlockKind, frame: Any) -> ValveFunctions:
     def next_group_on_body(ensemble: Ensemble, drive: Drive, b: int, v: int):
         """The first group of valves from `v` on that is on body b of a drive, or where they end.
 
-        So threads whose bodies have valves go through their groups together, the first, the second, and so on.
+        So threads go through their groups together, the first, the second, and so on.
         """
         at = int(v)
         while at < drive.first_valve + drive.valves and ensemble.valves[at].body != b:

@@ -26,7 +26,7 @@ MEETING_INTERVAL = wp.constant(16)
 
 @wp.func
 def plain_step(now: Any):
-    """A step at which nothing is wanted but forces and motion: so the compiler leaves out what else there is."""
+    """A step with nothing but forces and motion: the compiler leaves out the rest."""
     now.flags = 0
     now.goes_on = 1
     return now
@@ -80,7 +80,7 @@ def warp_step_functions(kind: BlockKind, frame: Any) -> WarpStepFunctions:
 
     @wp.func
     def common_step(mine: ThreadParts, now: Now):
-        """A step of which metrics are wanted in full, but neither frames nor events: the compiler leaves those out."""
+        """A step with metrics in full, but no frames or events: the compiler leaves those out."""
         now.measures = wp.static(int(kind.measuring))
         now.weight = rollers.time_step(mine)
         now.wanted_moments = now.moved_sprockets
@@ -127,7 +127,7 @@ def warp_step_functions(kind: BlockKind, frame: Any) -> WarpStepFunctions:
         contact: contacts.Contact,
         end: int,
     ):
-        """Steps of a variant on one warp that want no more than most do, `now` being one: to an event, or to `end`."""
+        """Common steps of a variant on one warp from `now` on, to an event, or to `end`."""
         now = common_step(mine, now)
         end = wp.min(end, now.next_event)
         while True:

@@ -94,7 +94,7 @@ def wrench_part_functions(kind: BlockKind) -> WrenchPartFunctions:
     def part_sum(shared: Shared, s: int, k: int, i: int):
         """This thread's share of the sum of all parts of body s, if there is one, in row k; they start anew at zero.
 
-        What is no body reads another's: so no thread waits for one that takes a branch.
+        Threads without a body read another's, so that none waits at a branch.
         """
         value = Real(0.0)
         first = (body_count * k + wp.min(s, wp.static(kind.parts.bodies - 1))) * wp.static(width) + i % group_lanes()

@@ -234,9 +234,9 @@ def nearest_piece(q: Any, count: int, first: int, pieces: Any):
 
 @wp.func
 def tracked_piece(q: Any, kept: int, guide: Any, pieces: Any):
-    """Number of the guide profile's piece under a roller, from the one kept in the step before.
+    """Number of the guide profile's piece under a roller, from the step before's, `kept`; < 0: all are searched.
 
-    `q` [m] is in the guide's body's frame; `kept` < 0: all are searched.
+    `q` [m] is in the guide's body's frame.
     """
     if kept < 0:
         return nearest_piece(q, guide.pieces, guide.first_piece, pieces)

@@ -315,7 +315,7 @@ def newton_tolerance(z: wp.float32):
 def solve_root(content: Any, per_volume: Any, rate: Any, near: Any, floor: Any, tensioner: Any):
     """z of a tensioner's oil by eq. (9), at least `floor`, and flows [m^3/s] there.
 
-    Arguments as of `flow_imbalance`; `near` is a z to begin at.
+    Arguments as of `flow_imbalance`; `near` is a first guess of z.
     """
     low = type(near)(0.0)
     high = type(near)(wp.static(LARGEST_ROOT))
@@ -607,9 +607,9 @@ def advance_oil(x: Any, rate: Any, h: Any, metered: bool, state: Any, tensioner:
 
 @wp.func
 def advance_tensioner(x: Any, rate: Any, h: Any, metered: bool, state: Any, tensioner: Any):
-    """State of a tensioner after a step, once its body has moved, and its oil's flows.
+    """State of a tensioner a step later, once its body has moved, and its oil's flows.
 
-    `x` [m] is that after the step, `rate` [m/s] that over it; `metered`: energies of flows are wanted.
+    `x` [m] is after the step, `rate` [m/s] its mean; `metered`: with energies of flows.
     """
     flows = zero_flows(h)
     if tensioner.hydraulic == 1:

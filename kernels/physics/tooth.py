@@ -230,7 +230,7 @@ def tracked_seat_from(p: Any, number: int, direction: Any, body: Any, sprocket: 
 def tracked_seat(p: Any, kept: int, body: Any, sprocket: Any, seats: Any):
     """Seat of a roller in a sprocket from the step before's, with direction e, xi and eta [m].
 
-    `p` is r - c [m]; `kept` < 0: found by angle; `seats` are directions at angle zero.
+    `p` is r - c [m]; `kept` < 0: found by angle; `seats`: directions at angle zero.
     """
     number = kept
     if number < 0:

@@ -171,14 +171,15 @@ def core_scaling(run: Run, folder: Path, size: float, rounds: int) -> Iterator[L
     bare = "bare zstd, 2 threads"
     lines: dict[str, list[str]] = {name: [] for name in (*cases, bare)}
 
-    def on(cores: int, job: Callable[..., None], *words: Any, **options: Any) -> None:
+    def run_on_cores(cores: int, job: Callable[..., None], *words: Any, **options: Any) -> None:
+        """Runs a job on so many cores."""
         with limited_cores(cores):
             job(*words, **options)
 
     for compression in COMPRESSIONS:
         jobs = {
             name: partial(
-                on,
+                run_on_cores,
                 options["encoders"],
                 write_with_warpchain,
                 run,
@@ -188,7 +189,10 @@ def core_scaling(run: Run, folder: Path, size: float, rounds: int) -> Iterator[L
             )
             for name, options in cases.items()
         }
-        jobs |= {"1 thread": partial(on, 1, bare_zstd_rates, 1), bare: partial(on, 2, bare_zstd_rates, 2)}
+        jobs |= {
+            "1 thread": partial(run_on_cores, 1, bare_zstd_rates, 1),
+            bare: partial(run_on_cores, 2, bare_zstd_rates, 2),
+        }
         times = least_seconds(jobs, rounds)
         for name in cases:
             lines[name].append(f"{size / times[name]:.0f} ({times['1 core'] / times[name]:.2f})")

@@ -47,17 +47,20 @@ def varied_link_values(drive: Drive, unlike: str, random: np.random.Generator) -
 def variant_values(drive: Drive, unlike: str, random: np.random.Generator) -> Values:
     """Values of a variant: each within a hundredth of the drive's own, the place within a fiftieth of a pitch."""
 
-    def about(value: float) -> float:
+    def nearby_value(value: float) -> float:
+        """A value up to a hundredth larger."""
         return value * (1.0 + 0.01 * float(random.random()))
 
     driver, last = drive.sprockets[drive.driver], drive.sprockets[-1]
     x, _ = drive.sprockets[1].center
     return {
-        "chain.stiffness": about(drive.chain.stiffness),
-        f"sprockets.{driver.name}.prescribed.speed": about(driver.prescribed.top_speed if driver.prescribed else 0.0),
+        "chain.stiffness": nearby_value(drive.chain.stiffness),
+        f"sprockets.{driver.name}.prescribed.speed": nearby_value(
+            driver.prescribed.top_speed if driver.prescribed else 0.0
+        ),
         f"sprockets.{drive.sprockets[1].name}.center.0": x + 0.02 * drive.chain.pitch * float(random.random() - 0.5),
-        f"sprockets.{last.name}.load.torque": about(last.load.torque if last.load else 1.0),
-        f"sprockets.{last.name}.inertia": about(last.inertia or 1.0),
+        f"sprockets.{last.name}.load.torque": nearby_value(last.load.torque if last.load else 1.0),
+        f"sprockets.{last.name}.inertia": nearby_value(last.inertia or 1.0),
         **varied_link_values(drive, unlike, random),
     }
 

@@ -90,7 +90,8 @@ def window_batches(sample: CoverageSample) -> tuple[Array, Array]:
     turn = 2.0 * np.pi * sample.drive.chain.links / (driver.teeth * abs(driver.prescribed.speed))
     states, noted, found = States(), [], []
 
-    def noting(means: Array, weights: Array) -> Array:
+    def noted_standard_error(means: Array, weights: Array) -> Array:
+        """Standard error of batch means, which it notes."""
         noted.append((means, weights))
         return mean_standard_error(means, weights)
 
@@ -98,7 +99,7 @@ def window_batches(sample: CoverageSample) -> tuple[Array, Array]:
         begin, end = (sample.start + TURNS * k for k in (w, w + 1))
         window = (turn * begin if w >= 0 else 0.0, turn * end)
         following = States(begin=states.kept)
-        with patch.object(metric_formulas, "mean_standard_error", noting):
+        with patch.object(metric_formulas, "mean_standard_error", noted_standard_error):
             simulate(
                 sample.drive, device="cpu", duration=window[1], window=window, replicates=sample.copies,
                 record=Record("none"), states=following,

@@ -78,6 +78,7 @@ def four_branches_limit() -> LimitState:
     from scipy.stats import norm
 
     def margin(u: Array) -> Array:
+        """Margin (N,) to the nearest of four branches at places u (N, 2); failure below 0."""
         x, y = u.T
         along, across = (x + y) / np.sqrt(2.0), 0.1 * (x - y) ** 2
         far = 6.0 / np.sqrt(2.0)

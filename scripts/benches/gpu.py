@@ -78,11 +78,12 @@ def gpu_part(
     """Decorator: a function measures a row of the GPU benchmark; given the heads of its columns and the words of its
     rows."""
 
-    def noted(measure: Callable[..., Row]) -> Callable[..., Row]:
+    def add_part(measure: Callable[..., Row]) -> Callable[..., Row]:
+        """Adds the function to the benchmark's parts."""
         PARTS[measure.__name__] = GpuPart(measure, list(words), table_head(columns))
         return measure
 
-    return noted
+    return add_part
 
 
 @cache

@@ -75,18 +75,19 @@ def search_by_egobox(study: Study, function: Callable[[Array], Array], noise: fl
     first = np.array([[row[name] for name in names] for row in Optimizer(study).ask()])
     limits = np.array([0.0] * len(study.objectives) + [bound.max for bound in study.bounds])
 
-    def measured(x: Array) -> Array:
+    def noisy_values(x: Array) -> Array:
+        """Values less limits at designs x, with noise."""
         values = function(np.asarray(x)) - limits
         return values + noise * rng.standard_normal(values.shape)
 
     ends = [list(factor.range or ()) for factor in study.factors]
-    common = {"n_cstr": len(study.bounds), "x_doe": first, "y_doe": measured(first), "seed": seed}
+    common = {"n_cstr": len(study.bounds), "x_doe": first, "y_doe": noisy_values(first), "seed": seed}
     rounds = (ROWS - START) // BATCH
     if len(study.objectives) > 1:
         search = egx.Belfegor(ends, n_obj=2, moo_config=egx.MooConfig(batch=BATCH), **common)
     else:
         search = egx.Egor(ends, qei_config=egx.QEiConfig(batch=BATCH), **common)
-    found = search.minimize(measured, max_iters=rounds)
+    found = search.minimize(noisy_values, max_iters=rounds)
     return np.asarray(found.result.x_doe), np.asarray(found.result.x_opt)
 
 

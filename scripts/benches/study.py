@@ -70,15 +70,16 @@ def study(asked: argparse.Namespace) -> Iterator[Line]:
         known = open_study(file)
         drives = known.drives(known.design_rows())
 
-        def bare(duration: float = asked.duration) -> None:
+        def simulate_drives(duration: float = asked.duration) -> None:
+            """Simulates the study's drives without a study."""
             options = {"device": asked.device, "precision": asked.precision, "duration": duration}
             for first in range(0, asked.count, shard):
                 simulate(drives[first : first + shard], record=Record("none"), **options)
 
-        bare(0.001)
+        simulate_drives(0.001)
         alone, whole, own = [], [], []
         for turn in range(asked.repeats):
-            alone.append(both_clocks(bare))
+            alone.append(both_clocks(simulate_drives))
             with function_times(time.perf_counter, (simulation, "simulate")) as runs:
                 whole.append(both_clocks(partial(run_study, file, Path(name) / f"{turn}")))
             own.append(whole[-1][0] - sum(runs))

@@ -52,7 +52,9 @@ def function_times(clock: Callable[[], float], *parts: tuple[Any, str]) -> Itera
     """Times [s] by a clock of each call of functions in a `with` block, each given by its owner and its name there."""
     found: list[float] = []
 
-    def noting(called: Any) -> Any:
+    def timed_function(called: Any) -> Any:
+        """The function, whose calls' times are noted."""
+
         def call(*args: Any, **options: Any) -> Any:
             begin = clock()
             result = called(*args, **options)
@@ -63,5 +65,5 @@ def function_times(clock: Callable[[], float], *parts: tuple[Any, str]) -> Itera
 
     with ExitStack() as stack:
         for owner, name in parts:
-            stack.enter_context(patch.object(owner, name, noting(getattr(owner, name))))
+            stack.enter_context(patch.object(owner, name, timed_function(getattr(owner, name))))
         yield found

@@ -52,14 +52,16 @@ def architecture(_: argparse.Namespace) -> Iterator[Line]:
             axis.text(middle, y + 0.18, value, ha="center", va="center", fontsize=9, color="#b03030", style="italic")
             if column < LAST:
                 ends = (x + WIDE + 0.06, x + APART - 0.06)
-                _arrow(axis, *((e, y + 0.5 * HIGH) for e in (ends if row == 0 else ends[::-1])))
-    _arrow(axis, (LAST * APART + 0.5 * WIDE, -0.06), (LAST * APART + 0.5 * WIDE, HIGH - DOWN + 0.06))
+                _draw_arrow(axis, *((e, y + 0.5 * HIGH) for e in (ends if row == 0 else ends[::-1])))
+    _draw_arrow(axis, (LAST * APART + 0.5 * WIDE, -0.06), (LAST * APART + 0.5 * WIDE, HIGH - DOWN + 0.06))
     yield {"architecture": figure}
 
 
 def _box(x: float, y: float, color: str) -> FancyBboxPatch:
+    """Box with its lower left corner at (x, y)."""
     return FancyBboxPatch((x, y), WIDE, HIGH, boxstyle="round,pad=0,rounding_size=0.1", fc=color, ec="#606060")
 
 
-def _arrow(axis: Axes, start: tuple[float, float], end: tuple[float, float]) -> None:
+def _draw_arrow(axis: Axes, start: tuple[float, float], end: tuple[float, float]) -> None:
+    """Draws an arrow from start to end."""
     axis.annotate("", end, start, arrowprops={"arrowstyle": "-|>", "color": "#404040", "lw": 1.6})

@@ -148,11 +148,12 @@ def sweep_figure(run: Run, rows: Sequence[Metrics]) -> Figure:
     share.axhspan(40, 60, color="0.9")
     share.set(ylabel="share of arm and guide [%]", ylim=(0, 100))
 
-    def over(name: str, scale: float = 1.0) -> list[list[float]]:
+    def least_mean_largest(name: str, scale: float = 1.0) -> list[list[float]]:
+        """Columns of a metric's least, mean and largest value, times a scale."""
         return [[scale * row[f"{name}_{part}"] for row in rows] for part in ("min", "mean", "max")]
 
     for s, (strand, color) in enumerate(zip(ENDS, COLORS, strict=False), 1):
-        for values, style in zip(over(f"{strand}.tension"), (":", "-", "--"), strict=True):
+        for values, style in zip(least_mean_largest(f"{strand}.tension"), (":", "-", "--"), strict=True):
             tension.plot(SPEEDS, values, style, color=color, label=strand if style == "-" else None)
         error = [phase_error_degrees(run[k], s) for k in range(len(SPEEDS))]
         phase.plot(SPEEDS, [e.mean() for e in error], color=color, label=run[0].drive.sprockets[s].name)
@@ -163,7 +164,7 @@ def sweep_figure(run: Run, rows: Sequence[Metrics]) -> Figure:
         (stroke, "extension", 1e3, "extension of the plunger [mm]"),
         (pressure, "pressure", 1e-5, "pressure of the chamber [bar]"),
     ):
-        low, mean, high = over(f"tensioner.{name}", scale)
+        low, mean, high = least_mean_largest(f"tensioner.{name}", scale)
         axes.fill_between(SPEEDS, low, high, color="tab:green", alpha=0.25)
         axes.plot(SPEEDS, mean, color="tab:green")
         axes.set(ylabel=label)

@@ -183,14 +183,16 @@ def rigid_centers(teeth: tuple[int, int], pitch: float, links: int, places: int 
     """
     small, large = (pitch / (2.0 * math.sin(math.pi / z)) for z in teeth)
 
-    def excess(center: float, place: float) -> float:
+    def length_excess(center: float, place: float) -> float:
+        """Length of the links beyond one round [m], the first roller at a share of it."""
         lean = math.asin((large - small) / center)
         strand = math.sqrt(center * center - (large - small) ** 2)
         normal = cmath.exp(1j * (0.5 * math.pi + lean))  # of the upper tangent
         arcs = strand + (math.pi - 2.0 * lean) * small, (math.pi + 2.0 * lean) * large
         whole = arcs[0] + strand + arcs[1]
 
-        def at(s: float) -> complex:
+        def place_on_path(s: float) -> complex:
+            """Place [m] on the path at an arc length [m]."""
             s %= whole
             if s < strand:
                 return center + large * normal + (small - large) * normal * s / strand - center * s / strand
@@ -202,17 +204,22 @@ def rigid_centers(teeth: tuple[int, int], pitch: float, links: int, places: int 
                 return small * low + ((large - small) * low + center) * s / strand
             return center + large * low * cmath.exp(1j * (s - strand) / large)
 
-        def following(s: float) -> float:
-            last = at(s)
-            return float(brentq(lambda u: abs(at(u) - last) - pitch, s + 0.99 * pitch, s + 1.05 * pitch, xtol=1e-15))
+        def next_roller(s: float) -> float:
+            """Arc length of the next roller [m]."""
+            last = place_on_path(s)
+            return float(
+                brentq(lambda u: abs(place_on_path(u) - last) - pitch, s + 0.99 * pitch, s + 1.05 * pitch, xtol=1e-15)
+            )
 
         s = place * whole
         for _ in range(links):
-            s = following(s)
+            s = next_roller(s)
         return s - (place + 1.0) * whole
 
     about = 0.5 * pitch * (links - 0.5 * sum(teeth))
-    return [float(brentq(excess, 0.98 * about, 1.01 * about, args=(k / places,), xtol=1e-14)) for k in range(places)]
+    return [
+        float(brentq(length_excess, 0.98 * about, 1.01 * about, args=(k / places,), xtol=1e-14)) for k in range(places)
+    ]
 
 
 def center_distance() -> ValidationRow:

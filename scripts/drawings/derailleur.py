@@ -54,15 +54,18 @@ def linkage_displacement(place: Point, cog: Point, rise: float) -> Point:
     front, rear = (complex(*end) for end in LOWER_LINK)
     mid, end = (complex(*end) for end in ROCKER)
 
-    def at(point: complex, angles: np.ndarray) -> complex:
+    def moved_place(point: complex, angles: np.ndarray) -> complex:
+        """Place [m] of a point of the stay with the links turned by angles [rad]."""
         lower, stay = np.exp(1j * angles)
         return complex(front + lower * (rear - front) + stay * (point - rear))
 
-    def off(angles: np.ndarray) -> tuple[float, float]:
-        return abs(at(end, angles) - mid) - abs(end - mid), at(complex(*cog), angles).imag - cog[1] - rise
+    def linkage_errors(angles: np.ndarray) -> tuple[float, float]:
+        """Errors of the rocker's length and of the cog's height [m]."""
+        rocker, axle = moved_place(end, angles) - mid, moved_place(complex(*cog), angles)
+        return abs(rocker) - abs(end - mid), axle.imag - cog[1] - rise
 
-    angles = fsolve(off, np.zeros(2), xtol=1e-12)
-    moved = at(complex(*place), angles) - complex(*place)
+    angles = fsolve(linkage_errors, np.zeros(2), xtol=1e-12)
+    moved = moved_place(complex(*place), angles) - complex(*place)
     return moved.real, moved.imag
 
 

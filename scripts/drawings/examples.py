@@ -87,19 +87,23 @@ def scatter_row(drive: Drive, count: int) -> tuple[str, ...]:
     record = Record(channels=("position", "sprocket_force", "sprocket_center"))
     run = simulate(drive, replicates=count, replicate_by="build", record=record)
 
-    def of(name: str, scale: float = 1.0) -> Any:
+    def metric_values(name: str, scale: float = 1.0) -> Any:
+        """Values of a metric of all builds, times a scale."""
         return scale * np.asarray(run.metrics[name], float)
 
-    def scatter(values: Any) -> str:
+    def scatter_text(values: Any) -> str:
+        """Scatter over the mean, in words."""
         return f"{100.0 * values.std(ddof=1) / values.mean():.2g} %"
 
-    mean, most = of("tension_mean", 1e-3), of("tension_max", 1e-3)
-    quantiles = [of(f"tension_{q}", 1e-3).mean() for q in ("q001", "q50", "q999")]
-    tensions = [f"{value:.3g}" for value in (mean.mean(), *quantiles, of("tension_min", 1e-3).min(), most.max())]
+    mean, most = metric_values("tension_mean", 1e-3), metric_values("tension_max", 1e-3)
+    quantiles = [metric_values(f"tension_{q}", 1e-3).mean() for q in ("q001", "q50", "q999")]
+    tensions = [
+        f"{value:.3g}" for value in (mean.mean(), *quantiles, metric_values("tension_min", 1e-3).min(), most.max())
+    ]
     share = np.mean([contact_share(run[k]) for k in range(count)])
-    efficiency, residual = of("efficiency").mean(), np.abs(of("energy_residual_relative")).max()
-    shares = (scatter(most), f"{share:.2f}", f"{efficiency:.4f}", f"{residual:.1e}")
-    return (tensions[0], scatter(mean), *tensions[1:], *shares)
+    efficiency, residual = metric_values("efficiency").mean(), np.abs(metric_values("energy_residual_relative")).max()
+    shares = (scatter_text(most), f"{share:.2f}", f"{efficiency:.4f}", f"{residual:.1e}")
+    return (tensions[0], scatter_text(mean), *tensions[1:], *shares)
 
 
 @case(

@@ -198,12 +198,13 @@ def run_exudyn(drive: Drive) -> CodeResult:
     system.AddLoad(items.LoadCoordinate(markerNumber=turns[1], load=torque))
     frames, start = CodeFrames(drive, STEP), assembly.position.ravel()
 
-    def seen(of: Any, *_: Any) -> list[float]:
+    def record_frame(of: Any, *_: Any) -> list[float]:
+        """Adds rollers' places and the speed to the frames."""
         place = start + of.systemData.GetODE2Coordinates()[: 2 * chain.links]
         frames.add(place.reshape(-1, 2), abs(float(of.systemData.GetODE2Coordinates_t()[-1])))
         return [0.0]
 
-    system.AddSensor(items.SensorUserFunction(sensorUserFunction=seen, writeToFile=False))
+    system.AddSensor(items.SensorUserFunction(sensorUserFunction=record_frame, writeToFile=False))
     system.Assemble()
     settings = exudyn.SimulationSettings()
     settings.timeIntegration.numberOfSteps = round(drive.run.duration / STEP)

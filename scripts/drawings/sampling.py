@@ -34,26 +34,27 @@ def sampling_misses(drive: Drive, start: float, steps: int) -> dict[str, float]:
     tension, hubs = np.asarray(seen.tension, dtype=float), whole.hub_forces
     found: defaultdict[str, list[float]] = defaultdict(list)
 
-    def mean(what: str, name: str, values: np.ndarray) -> None:
+    def note_miss(what: str, name: str, values: np.ndarray) -> None:
+        """Notes by how many standard deviations a metric misses the mean of values."""
         found[what].append(float(abs(row[name] - values.mean()) / values.std()))
 
-    mean("tension_mean", "tension_mean", tension)
+    note_miss("tension_mean", "tension_mean", tension)
     found["tension_std"].append(abs(row["tension_std"] / tension.std() - 1.0))
     found["tension_max"].append(1.0 - row["tension_max"] / tension.max())
     found["tension_min"].append((row["tension_min"] - tension.min()) / np.ptp(tension))
     for s, sprocket in enumerate(drive.sprockets):
         name, speed = sprocket.name, np.asarray(seen.sprocket_speed, dtype=float)[:, s]
         if sprocket.prescribed is None:
-            mean("speed_mean", f"{name}.speed_mean", speed)
+            note_miss("speed_mean", f"{name}.speed_mean", speed)
             found["speed_std"].append(abs(row[f"{name}.speed_std"] / speed.std() - 1.0))
             beyond = max(row[f"{name}.speed_min"] - speed.min(), speed.max() - row[f"{name}.speed_max"])
             found["speed_range"].append(beyond / np.ptp(speed))
         for c, axis in enumerate("xy"):
-            mean("hub_force_mean", f"{name}.hub_force_{axis}_mean", hubs[:, s, c])
+            note_miss("hub_force_mean", f"{name}.hub_force_{axis}_mean", hubs[:, s, c])
         found["hub_force_max"].append(1.0 - row[f"{name}.hub_force_max"] / np.hypot(*hubs[:, s].T).max())
     for s, name in enumerate(drive.strand_names):
         values = strand_displacement(seen, s)
-        mean("displacement_mean", f"{name}.displacement_mean", values)
+        note_miss("displacement_mean", f"{name}.displacement_mean", values)
         found["displacement_rms"].append(abs(row[f"{name}.displacement_rms"] / np.sqrt((values**2).mean()) - 1.0))
     teeth = np.asarray(seen.sprocket_force, dtype=float)
     largest = max(row[f"{sprocket.name}.force_max"] for sprocket in drive.sprockets)

@@ -29,7 +29,8 @@ def temperature(asked: argparse.Namespace) -> Iterator[Line]:
     """
     columns = ("tensioner.extension_mean", "crank->intake cam.tension_mean", "exhaust cam->crank.tension_mean")
 
-    def rows(cases: list[tuple[str, float]], duration: float) -> list[list[float]]:
+    def metric_rows(cases: list[tuple[str, float]], duration: float) -> list[list[float]]:
+        """Metrics of drives at temperatures [degrees C], from the end of a run [s]."""
         drives = [example_drive("car", CASES[name] | {"temperature": degrees}) for name, degrees in cases]
         run = simulate(
             drives, record=Record("none"), duration=duration, window=(duration - WINDOW, duration), device="cpu"
@@ -38,11 +39,11 @@ def temperature(asked: argparse.Namespace) -> Iterator[Line]:
 
     cases = [(name, degrees) for name in CASES for degrees in (-30.0, 120.0)]
     yield ("degrees C", "", "plunger [mm]", "slack strand, mean [N]", "tight strand, mean [N]")
-    for (name, degrees), (plunger, slack, tight) in zip(cases, rows(cases, DURATION), strict=True):
+    for (name, degrees), (plunger, slack, tight) in zip(cases, metric_rows(cases, DURATION), strict=True):
         yield (f"{degrees:g}", name, f"{1e3 * plunger:+.2f}", f"{slack:.0f}", f"{tight:.0f}")
     cases = [("as it is", degrees) for degrees in (-30.0, 0.0, 20.0, 60.0, 120.0)]
     yield f"after {LONG:g} s, against {DURATION:g} s"
     yield ("degrees C", "slack strand", "tight strand")
-    for (_, degrees), short, long in zip(cases, rows(cases, DURATION), rows(cases, LONG), strict=True):
+    for (_, degrees), short, long in zip(cases, metric_rows(cases, DURATION), metric_rows(cases, LONG), strict=True):
         changes = (100.0 * (b / a - 1.0) for a, b in zip(short[1:], long[1:], strict=True))
         yield (f"{degrees:g}", *(f"{change:+.2f} %" for change in changes))

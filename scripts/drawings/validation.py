@@ -27,15 +27,16 @@ def tensioner_work() -> ValidationRow:
     name, plunger = drive.tensioners[-1].name, drive.tensioners[-1].plunger
     keys, ranges = ("diameter", "gap", "length"), (0.05, 0.1, 0.2)
 
-    def work(parts: tuple[float, ...]) -> float:
+    def cycle_work(parts: tuple[float, ...]) -> float:
+        """Work of a ride [J] with the plunger's sizes times parts."""
         scaled = {key: part * getattr(plunger, key) for key, part in zip(keys, parts, strict=True)}
         changed = drive.with_values({f"tensioners.{name}.plunger.{key}": value for key, value in scaled.items()})
         return float(
             shake_tensioner(changed, name, [PlungerMotion(AMPLITUDE, 100.0)], CYCLES, False).rides["work"][0].as_py()
         )
 
-    base = work((1.0, 1.0, 1.0))
-    gains = [max(map(work, product((1.0 - part, 1.0 + part), repeat=3))) / base - 1.0 for part in ranges]
+    base = cycle_work((1.0, 1.0, 1.0))
+    gains = [max(map(cycle_work, product((1.0 - part, 1.0 + part), repeat=3))) / base - 1.0 for part in ranges]
     return ValidationRow(
         name="hydraulic tensioner",
         gives=", ".join(f"{100.0 * gain:+.0f} %" for gain in gains),

@@ -81,15 +81,17 @@ def mass_chain_frequency(drive: Drive, tension: float, mode: int) -> float:
     (length, speed), chain = strand_size(drive), drive.chain
     rate = 2.0 * math.sqrt(tension / (chain.mass * chain.pitch))
 
-    def against(wave: float) -> float:
+    def frequency_against_travel(wave: float) -> float:
+        """Angular frequency [rad/s] of a wave number [rad/m] against the chain's travel."""
         return rate * math.sin(0.5 * wave * chain.pitch) - speed * wave
 
-    def missing(wave: float) -> float:
+    def frequency_difference(wave: float) -> float:
+        """Angular frequency [rad/s] of the wave with the travel less that of the one against it."""
         other = math.tau * mode / length - wave
-        return rate * math.sin(0.5 * other * chain.pitch) + speed * other - against(wave)
+        return rate * math.sin(0.5 * other * chain.pitch) + speed * other - frequency_against_travel(wave)
 
     turns = math.pi * mode / length  # of both waves at rest; that against the chain has more as it travels
-    return against(brentq(missing, 0.9 * turns, 2.0 * turns)) / math.tau
+    return frequency_against_travel(brentq(frequency_difference, 0.9 * turns, 2.0 * turns)) / math.tau
 
 
 class StrandPeaks(NamedTuple):

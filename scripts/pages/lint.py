@@ -67,10 +67,11 @@ def page_blocks(text: str) -> Iterator[tuple[int, bool, str]]:
     for before, token in pairwise(tokens):
         if token.type == "inline":
             line = (token.map or before.map or [0])[0] + 1
-            yield line, before.type == "heading_open", "".join(words_in(token.children or ()))
+            yield line, before.type == "heading_open", "".join(inline_text(token.children or ()))
 
 
-def words_in(children: Iterable[Any]) -> Iterator[str]:
+def inline_text(children: Iterable[Any]) -> Iterator[str]:
+    """Texts of inline tokens, code and links as one word each."""
     within = False
     for child in children:
         if child.type in ("link_open", "link_close"):
@@ -105,6 +106,7 @@ def question_headings(text: str, check: "Check") -> Iterator["CheckResult"]:
 
 
 def lint_result(check: "Check", found: "re.Match[str]", message: str) -> "CheckResult":
+    """Result of a check for a match, with a message."""
     from proselint.registry.checks import CheckResult
 
     return CheckResult(check.path, message, found.span(), None)

@@ -39,7 +39,8 @@ def file_sections(top: type[Part]) -> dict[type[Part], list[str]]:
     """Every part of a file with the places at which it stands, such as `[[sprockets]]`, in the file's order."""
     found: dict[type[Part], list[str]] = {top: [""]}
 
-    def visit(kind: type[Part], path: str) -> None:
+    def add_parts(kind: type[Part], path: str) -> None:
+        """Adds the parts in a part's fields, and those within."""
         for key, field in kind.model_fields.items():
             many = "tuple[" in str(field.annotation)
             place = f"{path}.{key}" if path else key
@@ -49,9 +50,9 @@ def file_sections(top: type[Part]) -> dict[type[Part], list[str]]:
                 if word not in found.setdefault(inner, []):
                     found[inner].append(word)
                 if fresh:
-                    visit(inner, place)
+                    add_parts(inner, place)
 
-    visit(top, "")
+    add_parts(top, "")
     return found
 
 
@@ -68,6 +69,7 @@ def key_rows(kind: type[Part]) -> list[tuple[str, str, str, str]]:
 
 
 def default_text(value: Any) -> str:
+    """Words for a default; none for None and empty lists."""
     if value is None or value == ():
         return ""
     if isinstance(value, Part):
@@ -97,15 +99,16 @@ def commands_page() -> str:
     """The command line's own help."""
     lines = ["# The command line", "", "The text of `warpchain COMMAND --help`.", ""]
 
-    def visit(parser: argparse.ArgumentParser, level: int) -> None:
+    def add_help(parser: argparse.ArgumentParser, level: int) -> None:
+        """Adds a command's help, and that of the commands below it."""
         parser.formatter_class = lambda prog: argparse.RawDescriptionHelpFormatter(prog, width=100)
         lines.extend([f"{'#' * level} {parser.prog}", "", "```text", parser.format_help().rstrip(), "```", ""])
         for action in parser._actions:
             if isinstance(action.choices, dict):
                 for inner in action.choices.values():
-                    visit(inner, level + 1)
+                    add_help(inner, level + 1)
 
-    visit(command_line(), 2)
+    add_help(command_line(), 2)
     return "\n".join(lines)
 
 

@@ -125,7 +125,8 @@ def notebook_page(path: Path, folder: Path) -> str:
 def site_menu(folder: Path) -> list[Any]:
     """The site's menu of whatever pages are there."""
 
-    def below(place: str, *first: str) -> list[str]:
+    def pages_below(place: str, *first: str) -> list[str]:
+        """Pages of a folder, the `first` ones before the others."""
         names = sorted(
             (path.stem for path in (folder / place).glob("*.md")), key=lambda name: (name not in first, name)
         )
@@ -134,9 +135,9 @@ def site_menu(folder: Path) -> list[Any]:
     known = {name for names in GROUPS.values() for name in names} | {"index"}
     groups: dict[str, list[Any]] = {title: [f"{name}.md" for name in names] for title, names in GROUPS.items()}
     groups["Model and limits"] += sorted(path.name for path in folder.glob("*.md") if path.stem not in known)
-    groups["Reference"] = below("reference", "drive-keys", "study-keys", "commands") + groups["Reference"]
-    groups["Reference"].append({"Python": below("reference/python", "warpchain")})
-    tutorials = below(
+    groups["Reference"] = pages_below("reference", "drive-keys", "study-keys", "commands") + groups["Reference"]
+    groups["Reference"].append({"Python": pages_below("reference/python", "warpchain")})
+    tutorials = pages_below(
         "tutorials", "install", "first-drive", "own-drive", "first-study", "first-optimization", "decision"
     )
     return [{"warpchain": "index.md"}, {"Tutorials": tutorials}, *({title: held} for title, held in groups.items())]

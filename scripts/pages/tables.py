@@ -122,15 +122,16 @@ def without_repeats(rows: Iterable[tuple[str, str, str]]) -> list[tuple[str, str
     listed = [row for row in rows if not row[0].endswith("[].name")]
     holders: dict[tuple[str, ...], set[str]] = {}
 
-    def common(key: str, unit: str, text: str) -> tuple[str, ...]:
+    def common_values(key: str, unit: str, text: str) -> tuple[str, ...]:
+        """Place, name, unit and text of a value without its holder's name."""
         holder, _, leaf = key.rpartition(".")
         return holder.rpartition(".")[0], leaf, unit, text
 
     for row in listed:
-        holders.setdefault(common(*row), set()).add(row[0].rpartition(".")[0])
+        holders.setdefault(common_values(*row), set()).add(row[0].rpartition(".")[0])
     found: dict[tuple[str, str, str], None] = {}
     for key, unit, text in listed:
-        above, leaf, *_ = what = common(key, unit, text)
+        above, leaf, *_ = what = common_values(key, unit, text)
         repeated = above and len(holders[what]) > 1
         found[(f"{above}.KIND.{leaf}" if repeated else key, unit, text)] = None
     return list(found)
