@@ -446,7 +446,7 @@ class Chain:
 
     stiffness: wp.float64  # k [N/m]
     damping: wp.float64  # c [N s/m]
-    mass: wp.float64  # m of a roller [kg]
+    mass: wp.float64  # m of a roller, in the mean [kg]
     inverse_mass: wp.float64  # 1 / m [1/kg]
     gravity: wp.vec2d  # [m/s^2]
     length: wp.float64  # of each link, unloaded, where they are alike; else of the first [m]
@@ -456,6 +456,7 @@ class Chain:
     pin_radius: wp.float64  # r_p [m]
     joint_arm: wp.float64  # kappa r_p [m]
     joint: Friction
+    unlike_masses: wp.int32  # 1: its rollers' masses differ
 
 
 @wp.struct
@@ -830,6 +831,7 @@ class State:
     """State of a run, for all variants."""
 
     rollers: wp.array[wp.float64]  # (6 * all rollers,): a variant's x, y, vx, vy rows, and x, y's low parts
+    relative_mass: wp.array[wp.float64]  # (all rollers,) mass over `Chain.mass`, with attachments
     bodies: wp.array[BodyState]  # (all bodies,)
     body_stages: wp.array[BodyState]  # (all bodies, 2): at the step's start, and sums of its stages' weighted slopes
     wrenches: wp.array[Wrench]  # (all bodies,), of contacts
@@ -871,6 +873,7 @@ class Memory:
     stretch_part: wp.float64  # part of a step over which bristles are stretched (`integrate.stretched_part`)
     wanted: Now  # what is added up too
     inverse_mass: wp.float64  # 1 / m of the chain's rollers [1/kg]
+    unlike_masses: wp.int32  # of `Chain`
     gravity: wp.vec2d  # on them [m/s^2]
     straight: wp.vec2d  # acceleration of the center of the partner's body in the step before [m/s^2]
     angular: wp.float64  # the same of its angle [rad/s^2]

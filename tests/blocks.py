@@ -158,6 +158,19 @@ def uneven():
     return [first.with_values(BENDING | {"chain.play": 2e-5}), second.with_values({"chain.outer": outer})]
 
 
+BUCKETS = {"chain.attachments": [{"every": 3, "mass": 20.0, "first": 1}, {"mass": 50.0, "first": 7}]}
+"""Masses of up to four rollers on some links."""
+
+
+def bucketed():
+    first, second = rubbing()
+    return [first.with_values(BUCKETS | BENDING), second.with_values(BUCKETS | STRIBECK)]
+
+
+def bucketed_rk4():
+    return [drive.with_values({"run.integrator": "rk4"}) for drive in bucketed()]
+
+
 def arms():
     """An arm with a hydraulic tensioner, and one with a spring, ratchet and damper against its stop."""
     coil = {"at": [-0.04, 0.15], "anchor": [-0.14, 0.16], "stiffness": 500.0, "free_length": 0.11, "damping": 2.0}
@@ -490,7 +503,7 @@ MOVING = (moving_sprockets, rubbing_on_moving_sprockets)
 PUSHED = (*MOVING, pushed_slider, segments)
 MOVING_TRAINS = (*TRAINS, *MOVING)
 ARMS_RK4 = (arms_rk4, swung_rk4, led_rk4)
-OF_THREE_RK4 = (bending_rk4, rubbing_rk4, *ARMS_RK4)
+OF_THREE_RK4 = (bending_rk4, rubbing_rk4, bucketed_rk4, *ARMS_RK4)
 TRAINS_RK4 = (trains_rk4, gear_changes_rk4, freewheels_rk4, valves_rk4)
 OF_TWO_RK4 = (rk4, *TRAINS_RK4, segments_rk4)
 """Families of drives that have a kernel in common, each with as many sprockets.
@@ -498,7 +511,7 @@ OF_TWO_RK4 = (rk4, *TRAINS_RK4, segments_rk4)
 What a kernel has for one of them all others go through, which then is what a test of them is for: beside a family with
 arms on arms, shafts, moving centers or valves stands one without.
 """
-RUBBING = (rubbing, bending, uneven)
+RUBBING = (rubbing, bending, uneven, bucketed)
 ON_ARMS = (*SWUNG, *SWUNG_LIGHT, arms, drawn, fed)
 VALVED = (geared_stages, cushed_stages, light_stages, geared_light_stages, stages_of_two_chains, valved_stages)
 V6 = (v6, v6_fed)

@@ -56,7 +56,7 @@ def chain(
     zeros = lambda struct, count=1: np.zeros(max(count, 1), dtype=struct.numpy_dtype())  # noqa: E731
     packed = PackedEnsemble(
         precision=precision, drives=zeros(structs.Drive), chains=zeros(kinds.Chain),
-        lengths=np.full(n, pitch, dtype=precision),
+        lengths=np.full(n, pitch, dtype=precision), relative_mass=np.ones(n, dtype=precision),
         sprockets=zeros(kinds.Sprocket, wheels), motions=zeros(structs.Motion, bodies),
         mounts=zeros(structs.Mount, bodies), guides=zeros(kinds.Guide, bars),
         pieces=zeros(structs.Piece, pieces), arms=zeros(structs.Arm, len(arms)),

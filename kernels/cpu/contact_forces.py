@@ -14,7 +14,7 @@ from ..physics.contact import (
     relative_acceleration,
     steady_force,
 )
-from ..physics.impact import elastic_force
+from ..physics.impact import elastic_force, law_at_roller
 from ..structs import types
 from .contact_rows import contact_row_functions
 from .neighbor_list import Group
@@ -67,6 +67,11 @@ def contact_force_functions(Real: type, capacity: int) -> ContactForceFunctions:
         return speed, more[0] * normal_x + more[1] * normal_y
 
     @wp.func
+    def own_law(w: wp.array[Real], i: int, law: kinds.ContactLaw):
+        """Contact law of roller i, by its mass."""
+        return law_at_roller(law, access.load(w, row.relative_mass + i), access.load(w, row.mobility + i))
+
+    @wp.func
     def store_normal_force(w: wp.array[Real], i: int, size: Real, kept: Real, damper_speed: Real):
         """Stores roller i's normal force and the contact's memory in their rows."""
         x = value_if_touching(w, i, size * access.load(w, row.normal_x + i))
@@ -100,7 +105,8 @@ def contact_force_functions(Real: type, capacity: int) -> ContactForceFunctions:
             speed, growth = normal_approach(w, i, memory)
             if is_changing_contact(penetration, speed, growth, before, law) != 0:
                 speed_before = access.load(w, memory.damper_row + i)
-                mean, elastic, size, first, damper = normal_force(penetration, speed, growth, before, speed_before, law)
+                own = own_law(w, i, law)
+                mean, elastic, size, first, damper = normal_force(penetration, speed, growth, before, speed_before, own)
                 access.store(w, row.penetration + i, mean)
                 kept = wp.where(mean > Real(0.0), first, access.load(w, row.v0_open + i))
                 store_normal_force(w, i, size, kept, damper)
@@ -130,6 +136,10 @@ def contact_force_functions(Real: type, capacity: int) -> ContactForceFunctions:
         """Stores the normal forces of a group's contacts; returns whether memories change."""
         changed = int(0)
         i = group.low
+        if memory.unlike_masses != 0:
+            while i < group.high:
+                changed = changed | find_steady_force(w, i, own_law(w, i, law), memory)
+                i = i + 1
         if law.exponent == Real(1.0):
             law.exponent = Real(1.0)  # so that the compiler knows
             while i < group.high:

@@ -150,8 +150,12 @@ def link_tally_functions(Real: type, capacity: int) -> LinkTallyFunctions:
             velocity = vec2(access.load(w, row.vx + i) + back * a[0], access.load(w, row.vy + i) + back * a[1])
             tension, rate = access.load(w, row.tension + i), access.load(w, row.rate + i)
             held, weight = roller_energy(position, velocity, tension, rate, i, chain)
-            total += held
-            total -= weight
+            relative = wp.float64(access.load(w, row.relative_mass + i))
+            more = (relative - wp.float64(1.0)) * wp.float64(0.5) * wp.float64(chain.mass)
+            total += held + more * (
+                wp.float64(velocity[0]) * wp.float64(velocity[0]) + wp.float64(velocity[1]) * wp.float64(velocity[1])
+            )
+            total -= relative * weight
             i = i + 1
         return total
 

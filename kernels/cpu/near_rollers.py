@@ -52,6 +52,7 @@ def near_roller_functions(Real: type, capacity: int) -> NearRollerFunctions:
         memory.first = drive.first_contact
         memory.inverse_mass = chain.inverse_mass
         memory.gravity = chain.gravity
+        memory.unlike_masses = chain.unlike_masses
         return memory
 
     @wp.func

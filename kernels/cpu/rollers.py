@@ -33,6 +33,8 @@ class Rows:
     sprocket_force: int  # their magnitudes [N]
     guide_force: int
     length: int  # of the link after the roller [m]
+    relative_mass: int  # of the roller over the chain's [-], and
+    mobility: int  # 1 over that
     turn_rate: int  # of that link [rad/s]
     moment: int  # of the joint on it [N m]
     joint_bristle: int  # moment that this joint's bristle holds [N m]
@@ -137,7 +139,7 @@ def roller_functions(Real: type, capacity: int) -> RollerFunctions:
 
     @wp.func
     def fetch(state: kinds.State, lengths: wp.array[Real], w: wp.array[Real], first: int, n: int):
-        """Copies a chain's rollers, bristles and link lengths from the state into the scratch.
+        """Copies a chain's rollers, masses, bristles and link lengths from the state into the scratch.
 
         The chain has `n` rollers from roller `first` on.
         """
@@ -147,6 +149,9 @@ def roller_functions(Real: type, capacity: int) -> RollerFunctions:
         for i in range(n):
             w[row.length + i] = lengths[first + i]
             w[row.joint_bristle + i] = state.joint_hold[first + i]
+            relative = state.relative_mass[first + i]
+            w[row.relative_mass + i] = relative
+            w[row.mobility + i] = Real(1.0) / relative
         w[row.joint_bristle + n] = state.joint_hold[first]
         for i in range(access.round_up(n)):
             w[row.direction_owner + i] = Real(-1.0)
@@ -253,10 +258,14 @@ def roller_functions(Real: type, capacity: int) -> RollerFunctions:
 
     @wp.func
     def acceleration_components(w: wp.array[Real], i: int, inverse_mass: Real, gravity: vec2):
-        """Acceleration [m/s^2] of roller `i` by links, contacts and gravity, in x and y."""
+        """Acceleration [m/s^2] of roller `i` by links, contacts and gravity, in x and y.
+
+        `inverse_mass` is the chain's [1/kg].
+        """
         x = access.load(w, row.link_x + i + 1) - access.load(w, row.link_x + i) + access.load(w, row.fx + i)
         y = access.load(w, row.link_y + i + 1) - access.load(w, row.link_y + i) + access.load(w, row.fy + i)
-        return acceleration_component(x, inverse_mass, gravity[0]), acceleration_component(y, inverse_mass, gravity[1])
+        own = inverse_mass * access.load(w, row.mobility + i)
+        return acceleration_component(x, own, gravity[0]), acceleration_component(y, own, gravity[1])
 
     @wp.func
     def acceleration(w: wp.array[Real], i: int, inverse_mass: Real, gravity: vec2):

@@ -125,7 +125,7 @@ class BlockKind:
         moving: bodies' centers may move, or have balance wheels.
         profiles: guides have profiles, or are carried by bodies.
         friction: of contacts and joints.
-        links: "alike"; "lengths", which differ; "varied", which differ in stiffness or have play, too.
+        links: "alike"; "lengths", which differ; "varied", which differ in stiffness or mass or have play, too.
         linear_hysteretic: all contacts' laws are hysteretic and linear (`impact.linear_force`).
     """
 

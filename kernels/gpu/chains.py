@@ -10,9 +10,12 @@ from functools import cache
 
 import warp as wp
 
+from ..native import row_access
+from ..physics.link import chain_at_roller
 from ..structs import GROUND, Drive
 from .block_kinds import BlockKind
 from .block_structs import ThreadParts
+from .shared_memory import joint_rows, shared_rows
 
 
 @dataclass(frozen=True)
@@ -22,6 +25,8 @@ class ChainFunctions:
     chain_number: wp.Function
     chain_number_of_guide: wp.Function
     drive_row: wp.Function
+    mobility: wp.Function
+    set_mobility: wp.Function
     chain_at: wp.Function
     chain_span: wp.Function
     own_chain_span: wp.Function
@@ -42,6 +47,9 @@ def chain_functions(kind: BlockKind) -> ChainFunctions:
     several = chain_count > 1
     kinds = kind.types
     Ensemble, Shared = kinds.Ensemble, kinds.Shared
+    Real = kind.Real
+    access = row_access(Real)
+    first_mobility = (shared_rows(kind.Real) + joint_rows(kind)) * kind.shape.slots
 
     @wp.func
     def chain_number(shared: Shared, j: int):
@@ -66,9 +74,23 @@ def chain_functions(kind: BlockKind) -> ChainFunctions:
         return mine.variant + chain_number(shared, j)
 
     @wp.func
+    def mobility(shared: Shared, j: int):
+        """1 over the relative mass of roller j, where links vary."""
+        return access.load(shared.rows, first_mobility + j)
+
+    @wp.func
+    def set_mobility(shared: Shared, j: int, value: Real):
+        """Sets 1 over the relative mass of roller j, where links vary."""
+        access.store(shared.rows, first_mobility + j, value)
+
+    @wp.func
     def chain_at(shared: Shared, j: int):
-        """Roller j's chain."""
-        return shared.chains[chain_number(shared, j)]
+        """Roller j's chain, with that roller's mass."""
+        if wp.static(kind.links == "varied"):
+            of = mobility(shared, j)
+            return chain_at_roller(shared.chains[chain_number(shared, j)], type(of)(1.0) / of, of)
+        else:
+            return shared.chains[chain_number(shared, j)]
 
     @wp.func
     def chain_span(shared: Shared, j: int, n: int):
@@ -166,6 +188,8 @@ def chain_functions(kind: BlockKind) -> ChainFunctions:
         chain_number=chain_number,
         chain_number_of_guide=chain_number_of_guide,
         drive_row=drive_row,
+        mobility=mobility,
+        set_mobility=set_mobility,
         chain_at=chain_at,
         chain_span=chain_span,
         own_chain_span=own_chain_span,

@@ -15,6 +15,7 @@ from ..physics.contact import (
     normal_force_vector,
     relative_acceleration,
 )
+from ..physics.impact import law_at_roller
 from ..structs import Tallies
 from .block_kinds import BY_SPEED, BlockKind
 from .block_structs import ThreadParts
@@ -108,13 +109,16 @@ def contact_functions(kind: BlockKind) -> ContactFunctions:
             return even_friction_force(size, normal, relative, held, what, stretched)
 
     @wp.func
-    def specialized_law(law: Any):
-        """A contact law with what is known of it when the kernel is made."""
+    def specialized_law(shared: Shared, law: Any, j: int):
+        """A contact law for roller j, with what is known of it when the kernel is made."""
         if wp.static(not kind.has_stages):
             law.most_damping = Real(0.0)
         if wp.static(kind.linear_hysteretic):
             law.form = 0
             law.exponent = Real(1.0)
+        if wp.static(kind.links == "varied"):
+            mobility = chains.mobility(shared, j)
+            law = law_at_roller(law, Real(1.0) / mobility, mobility)
         return law
 
     @wp.func
@@ -172,7 +176,7 @@ def contact_functions(kind: BlockKind) -> ContactFunctions:
             contact.acceleration,
         )
         at = chains.contact_memory(shared, mine, j, p)
-        known = specialized_law(law)
+        known = specialized_law(shared, law, j)
         pushes, mean, elastic, size, first, damper_speed = normal_force_vector(
             contact.penetration, normal, relative, more, before, contact.damper_speed, known
         )

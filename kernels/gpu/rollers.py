@@ -12,7 +12,7 @@ from ..physics.link import compensated_sum, roller_acceleration
 from .block_kinds import BlockKind
 from .block_structs import ThreadParts
 from .chains import chain_functions
-from .shared_memory import block_memory
+from .shared_memory import block_memory, mass_rows
 
 
 @dataclass(frozen=True)
@@ -152,6 +152,9 @@ def roller_functions(kind: BlockKind) -> RollerFunctions:
             access.store(shared.rows, row.y + j, state.rollers[at + n])
             access.store(shared.rows, row.vx + j, state.rollers[at + 2 * n])
             access.store(shared.rows, row.vy + j, state.rollers[at + 3 * n])
+            if wp.static(mass_rows(kind)):
+                relative = state.relative_mass[mine.first_roller + first + wp.min(j - first, n - 1)]
+                chains.set_mobility(shared, j, Real(1.0) / relative)
             if wp.static(kind.is_paired):
                 access.store(shared.rows, row.x_low + j, state.rollers[at + 4 * n])
                 access.store(shared.rows, row.y_low + j, state.rollers[at + 5 * n])

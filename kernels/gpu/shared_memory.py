@@ -51,6 +51,11 @@ def joint_rows(kind: BlockKind) -> int:
     return 1 if kind.Real == wp.float64 else 2
 
 
+def mass_rows(kind: BlockKind) -> int:
+    """Rows of 1 over rollers' relative masses, after all others: of links that vary (`chains.chain_at`)."""
+    return int(kind.links == "varied")
+
+
 def extreme_values(kind: BlockKind) -> int:
     """Values of the extremes of tension that each warp keeps: lowest and highest of the strands and of links on none
     of each chain, and what threads without a link are held against.
@@ -167,7 +172,7 @@ def block_memory(kind: BlockKind) -> BlockMemory:
     """The memory that a block of a kind needs."""
     fields = kind.types.Shared.vars
     parts = part_rows(kind) * kind.parts.bodies * parts_per_body(kind)
-    rows = (shared_rows(kind.Real) + joint_rows(kind)) * kind.shape.slots
+    rows = (shared_rows(kind.Real) + joint_rows(kind) + mass_rows(kind)) * kind.shape.slots
     seen = tally_places(kind)[-1] if kind.measuring else 0
 
     def needed(counts: Mapping[str, int]) -> int:

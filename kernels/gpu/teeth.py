@@ -92,7 +92,7 @@ def tooth_functions(kind: BlockKind) -> ToothFunctions:
         speed = products(relative[0], normal[0], relative[1], normal[1])
         more = contacts.approach_acceleration(shared, shared.poses[s], arm, j)
         growth = products(more[0], normal[0], more[1], normal[1])
-        law = contacts.specialized_law(teeth.law)
+        law = contacts.specialized_law(shared, teeth.law, j)
         mean, elastic, size, first, damper_speed = normal_force(
             penetration, speed, growth, before, contact.damper_speed, law
         )

@@ -78,6 +78,21 @@ def law_damper(elastic: Any, impact_speed: Any, law: Any):
 
 
 @wp.func
+def law_at_roller(law: Any, relative_mass: Any, mobility: Any):
+    """A contact law for a roller of another mass than the chain's; both 1 leave every bit.
+
+    `relative_mass` is its mass over the chain's, `mobility` 1 over that. D is the roller's own; D G, what the body
+    answers, and so the bound of stages, 2 m / (h (1 + G)), follow.
+    """
+    if law.most_damping > type(mobility)(0.0):
+        one = type(mobility)(1.0)
+        law.most_damping = law.most_damping * ((one + law.answer) / (mobility + law.answer))
+    law.yielding = law.yielding * mobility
+    law.answer = law.answer * relative_mass
+    return law
+
+
+@wp.func
 def contact_force(elastic: Any, speed: Any, growth: Any, impact_speed: Any, speed_before: Any, law: Any):
     """Normal force [N] of a contact law, never adhesive, and its damper's speed u [m/s], (a).
 

@@ -72,6 +72,14 @@ def acceleration_component(force: Any, inverse_mass: Any, gravity: Any):
 
 
 @wp.func
+def chain_at_roller(chain: Any, relative_mass: Any, mobility: Any):
+    """A chain with the mass of one of its rollers, `relative_mass` times the chain's; `mobility` is 1 over that."""
+    chain.mass = chain.mass * relative_mass
+    chain.inverse_mass = chain.inverse_mass * mobility
+    return chain
+
+
+@wp.func
 def compensated_sum(high: Any, low: Any, change: Any):
     """Roller's coordinate plus a small `change`, and what that rounds off (fast two-sum)."""
     rest = low + change

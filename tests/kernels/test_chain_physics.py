@@ -36,6 +36,7 @@ def strand_frequency(direction, k, tension=2000.0):
     spacing = PITCH * (1 + tension / (STIFFNESS * PITCH))
     rows = np.zeros((len(ROWS), 264))
     rows[ROWS.index("length")] = PITCH
+    rows[ROWS.index("mobility")] = 1.0
     rows[0, : M + 2] = spacing * np.arange(M + 2)
     shape = 1e-7 * np.sin(k * np.pi * np.arange(M + 2) / (M + 1))
     rows[direction, : M + 2] += shape

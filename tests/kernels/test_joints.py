@@ -50,6 +50,7 @@ def plucked(n, tension, mu, radius, amplitude, cycles):
     mode = np.sin(np.pi * np.arange(n + 2) / (n + 1))
     rows = np.zeros((len(ROWS), 264))
     rows[ROWS.index("length")] = PITCH
+    rows[ROWS.index("mobility")] = 1.0
     rows[0, : n + 2], rows[1, : n + 2] = spacing * np.arange(n + 2), amplitude * mode
     law = kinds.Chain()
     law.stiffness, law.mass, law.inverse_mass = STIFFNESS, MASS, 1.0 / MASS

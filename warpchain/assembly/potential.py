@@ -164,7 +164,7 @@ class Potential:
         self.first_pivot = self.first_arm + len(self.arms)
         self.size = self.first_pivot + 2 * len(self.hung)
         self.gravity = np.asarray(model.run.gravity, dtype=float)
-        self.push = chain.mass * frequency**2  # of centrifugal force on a link, over its length [N/m]
+        self.push = chain.mass * frequency**2  # of centrifugal force on a link, over its length [N/m], in the mean
         self.stiffness, self.play = self._stiffness_and_play()
         self.lengths = chain.link_lengths
         self.teeth = [model.tooth(s) for s in range(self.sprockets)]
@@ -428,9 +428,12 @@ class Potential:
         """Adds the energy of weight, centrifugal forces, loads and mounts."""
         r, centers, angles = self.split(x)
         n, s = 2 * self.rollers, 2 * self.sprockets
-        weight = self.model.chain.mass * self.gravity
-        terms.energy += float(-np.sum(r @ weight) + self.moments @ angles)
+        chain = self.model.chain
+        weight = chain.mass * self.gravity
+        more = (chain.roller_masses - chain.mass)[:, None] * self.gravity  # of a roller than in the mean
+        terms.energy += float(-np.sum(r @ weight) - np.sum(r * more) + self.moments @ angles)
         terms.gradient[:n] -= np.tile(weight, self.rollers)
+        terms.gradient[:n] -= more.ravel()
         terms.gradient[n + s : self.first_arm] += self.moments
         off = centers - self.home
         terms.energy += float(np.sum(0.5 * self.spring * off**2 - self.pull * off))

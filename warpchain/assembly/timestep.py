@@ -207,7 +207,7 @@ def _highest_of_chains(chains: Sequence[ChainModel], bodies: Sequence[MovingBody
 
 def _highest_of_chain(model: ChainModel, bodies: Sequence[MovingBody], damped_links: bool = True) -> float:
     """Highest frequency of one chain with moving bodies [rad/s]."""
-    mass = model.chain.mass
+    mass = model.chain.lightest_mass
     half_rate = (model.chain.link_damping + model.chain.outer_damping) / mass if damped_links else 0.0
     stiffest = maximum(0.0, *(stiffness for _, stiffness in _contact_stiffnesses(model)))
     springs = 2.0 * (model.chain.stiffness + model.chain.outer_stiffness)
@@ -228,7 +228,7 @@ def stiffest_part(drive: Drive) -> str:
 
 def _stiffest_of_chain(model: ChainModel) -> str:
     """Name of the part of one chain that needs the shortest time step."""
-    chain, mass = model.chain, model.chain.mass
+    chain, mass = model.chain, model.chain.lightest_mass
     springs = 2.0 * (chain.stiffness + chain.outer_stiffness) / mass
     parts = {f"rollers on {name}": stiffness / mass for name, stiffness in _contact_stiffnesses(model)}
     parts = {name: square for name, square in parts.items() if square == max(parts.values())}

@@ -36,6 +36,7 @@ if TYPE_CHECKING:
 
 Links = Annotated[int, Field(strict=True, ge=3), Value("must be an integer of at least 3")]
 LinkIndex = Annotated[int, Field(strict=True, ge=0), Value("must be an integer of at least 0")]
+Every = Annotated[int, Field(strict=True, ge=1), Value("must be an integer of at least 1")]
 Elongation = Annotated[float, Field(strict=True, ge=-0.05, le=0.1), Value("must be a number from -0.05 to 0.1")]
 
 MOST_LINKS = 1_000_000
@@ -79,6 +80,29 @@ class WornLink(Part):
 
     link: LinkIndex
     elongation: Elongation
+
+
+class Attachment(Part):
+    """Like masses on links of a chain: buckets, flights, pushers, lugs, or one of them.
+
+    A chain's list of them is its table: rows add up, and one without `every` is that of a single link. Each mass is
+    borne by the two pins of its link by halves. It does not turn, and touches nothing.
+
+    Attributes:
+        mass: of one attachment [kg].
+        every: links from one attachment to the next, up to the chain's last link; None: there is only the first.
+        first: link that has the first one, from 0; link i joins rollers i and i + 1.
+    """
+
+    mass: NonNegative
+    every: Every | None = None
+    first: LinkIndex = 0
+
+    def bearing_links(self, links: int) -> NDArray[np.int64]:
+        """Indices of the links that have one, of a chain of `links`."""
+        import numpy as np
+
+        return np.arange(self.first, links, self.every or links)
 
 
 class Joint(Part):
@@ -146,6 +170,7 @@ class Chain(Part):
         joint: friction of its joints; None is none.
         outer: values of the outer links, those of even index; None is those of all.
         play: way that a link moves out or in before its spring acts, s [m]; None is 0.
+        attachments: masses on links.
     """
 
     size: Size | None = None
@@ -162,6 +187,7 @@ class Chain(Part):
     joint: Annotated[Joint | None, Allowed("must be a table { friction, pin_radius }")] = None
     outer: Annotated[OuterLinks | None, Allowed("must be a table { elongation, stiffness, damping }")] = None
     play: NonNegative | None = None
+    attachments: Annotated[tuple[Attachment, ...], Allowed("must be a list of tables { mass, every, first }")] = ()
 
     _replaces: ClassVar[Mapping[str, tuple[str, ...]]] = {
         "size": ("pitch", "roller_radius", "roller_mass", "mass_per_length", "stiffness"),
@@ -172,15 +198,57 @@ class Chain(Part):
     }
     _filled: ClassVar[tuple[str, ...]] = ("pitch", "roller_radius")
     """Keys of a chain that a size fills."""
-    _judged: ClassVar[frozenset[str]] = frozenset({"links", "pitch", "roller_radius", "play", "worn_links"})
+    _judged: ClassVar[frozenset[str]] = frozenset(
+        {"links", "pitch", "roller_radius", "play", "worn_links", "attachments"}
+    )
 
     @property
-    def mass(self) -> float:
-        """Mass of one roller with its share of the links [kg]."""
+    def bare_mass(self) -> float:
+        """Mass of one roller with its share of the links, without attachments [kg]."""
         if self.roller_mass is not None:
             return self.roller_mass
         assert self.mass_per_length is not None  # the chain's own rule
         return self.mass_per_length * self.pitch
+
+    @property
+    def mass(self) -> float:
+        """Mass of one roller with its share of links and attachments, in the mean [kg]."""
+        if not self.attachments:
+            return self.bare_mass
+        import numpy as np
+
+        masses = self.roller_masses
+        first = masses[..., 0]  # which is exact where all are alike
+        mean = np.where((masses == first[..., None]).all(axis=-1), first, masses.mean(axis=-1))
+        return mean if mean.ndim else float(mean)  # type: ignore[return-value]
+
+    @property
+    def lightest_mass(self) -> float:
+        """Mass of the lightest roller with its share of links and attachments [kg]."""
+        if not self.attachments:
+            return self.bare_mass
+        least = self.roller_masses.min(axis=-1)
+        return least if least.ndim else float(least)
+
+    @property
+    def roller_masses(self) -> NDArray[np.float64]:
+        """Masses of rollers with their shares of links and attachments [kg], (N,) or (V, N)."""
+        import numpy as np
+
+        columns: tuple[Any, ...] = self.bare_mass, *(of.mass for of in self.attachments)
+        variants = next((len(column) for column in columns if has_arrays(column)), None)
+        added = np.zeros(self.links if variants is None else (variants, self.links))
+        rows = added.T
+        for of in self.attachments:
+            at = of.bearing_links(self.links)
+            rows[at] += 0.5 * of.mass
+            rows[(at + 1) % self.links] += 0.5 * of.mass
+        return with_last_axis(self.bare_mass) + added
+
+    @property
+    def relative_masses(self) -> NDArray[np.float64]:
+        """Masses of rollers over their mean, (N,) or (V, N)."""
+        return self.roller_masses / with_last_axis(self.mass)
 
     @property
     def link_damping(self) -> float:
@@ -342,6 +410,14 @@ class Chain(Part):
             if are_numbers(link) and link in seen:
                 yield Problem(("worn_links", i, "link"), link, "must be another link than those before")
             seen.add(link if are_numbers(link) else None)
+        listed = node_list(node, "attachments")
+        if are_numbers(links) and len(listed) > links:
+            yield Problem(("attachments",), None, f"has {len(listed)} elements; the chain has {links} links", BARE)
+            listed = []
+        for i, one in enumerate(listed):
+            first = node_value(one, "first")
+            if are_numbers(first, links) and first >= links:
+                yield Problem(("attachments", i, "first"), first, f"must be below the number of links, {links}")
         yield from exactly_one_rule(node, "damping", "damping_ratio", "must be a number of at least 0")
         if are_numbers(radius, pitch) and radius >= pitch / 2 > 0:
             yield Problem(("roller_radius",), radius, f"must be below half the pitch, {pitch / 2:g}")

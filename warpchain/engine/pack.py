@@ -106,11 +106,15 @@ def pack(
 
 
 def fill_step_dependence(packed: PackedEnsemble) -> None:
-    """Fills what of packed contacts and friction depends on steps."""
+    """Fills what of packed contacts and friction depends on steps.
+
+    Bristles are as stiff as the step allows for the lightest roller of a chain.
+    """
+    lightest = np.minimum.reduceat(packed.relative_mass, packed.drives["first_roller"].astype(np.int64))
     for friction, counts in ((packed.tooth_friction, "sprockets"), (packed.guide_friction, "guides")):
-        steps = np.repeat(packed.drives["step"], packed.drives[counts])
-        fill_bristles(friction[: len(steps)], steps)
-    fill_bristles(packed.chains["joint"], packed.drives["step"])
+        steps, part = (np.repeat(of, packed.drives[counts]) for of in (packed.drives["step"], lightest))
+        fill_bristles(friction[: len(steps)], steps, part)
+    fill_bristles(packed.chains["joint"], packed.drives["step"], lightest)
     for laws, counts in ((packed.sprockets["law"], "sprockets"), (packed.guides["law"], "guides")):
         owner = np.repeat(np.arange(packed.variants), packed.drives[counts])
         row, step, mass = laws[: len(owner)], packed.drives["step"][owner], packed.chains["mass"][owner]
@@ -120,9 +124,9 @@ def fill_step_dependence(packed: PackedEnsemble) -> None:
         row["most_damping"] = np.where(staged, 2.0 * mass / (step * (1.0 + row["answer"])), 0.0)
 
 
-def fill_bristles(friction: NDArray[Any], step: NDArray[np.float64]) -> None:
-    """Fills friction bristles as stiff as the step allows."""
-    inertia = friction["inertia"]
+def fill_bristles(friction: NDArray[Any], step: NDArray[np.float64], part: Any = 1.0) -> None:
+    """Fills friction bristles as stiff as the step allows, for `part` of their inertia."""
+    inertia = part * friction["inertia"]
     stiffness = np.minimum(friction["stiffness"], SPRING * inertia / (step * step))
     friction["spring"] = stiffness * step
     friction["damper"] = DAMPER * np.sqrt(stiffness * inertia / SPRING)
@@ -168,6 +172,7 @@ def _pack_stack(packed: PackedEnsemble, part: Stack[ChainModel], assembly: Assem
     packed.drives["tension_scale"][v] = tension_scale(model, assembly)
     _fill_rows(packed.chains, v, fill_chain_row, model)
     links = model.chain.links
+    scatter_values(packed.relative_mass, at["first_roller"], model.chain.relative_masses)
     scatter_values(packed.lengths, at["first_roller"], model.chain.link_lengths)
     packed.chains["length"][v] = packed.lengths[at["first_roller"]]
     states = roller_state_rows(assembly.position, assembly.velocity).reshape(len(v), -1)

@@ -115,6 +115,7 @@ class PackedEnsemble(_PackedArrays):
                     dtype = dtype_of(array_type(group, name, wp.float64))
                     arrays[row.packed_name] = np.zeros(counts.get(name, 0), dtype=dtype)
         arrays["seat"][:] = -1
+        arrays["relative_mass"][:] = 1.0
         return cls(**arrays | {"drives": drives}, precision="float64", assemblies=assemblies)
 
     def remove_lag(self) -> None:
@@ -164,10 +165,10 @@ class PackedEnsemble(_PackedArrays):
 
     @property
     def has_varied_links(self) -> NDArray[np.bool_]:
-        """(variants,) whether a chain's links differ, or have play."""
+        """(variants,) whether a chain's links differ, or its rollers' masses, or there is play."""
         of = self.chains
         unlike = (of["outer_stiffness"] != of["stiffness"]) | (of["outer_damping"] != of["damping"])
-        return np.asarray(unlike | (of["play"] != 0.0))
+        return np.asarray(unlike | (of["unlike_masses"] > 0) | (of["play"] != 0.0))
 
     @property
     def has_linear_hysteretic_contacts(self) -> NDArray[np.bool_]:

@@ -348,6 +348,7 @@ def fill_chain_row(row: Any, model: ChainModel) -> None:
     row["play"] = chain.link_play
     row["mass"], row["inverse_mass"] = chain.mass, 1.0 / chain.mass
     row["gravity"] = array_of_columns(model.run.gravity)
+    row["unlike_masses"] = (chain.relative_masses != 1.0).any(axis=-1)
     if chain.joint is not None and chain.has_friction:
         pin_radius = chain.pin_radius
         assert pin_radius is not None  # the chain's own rule

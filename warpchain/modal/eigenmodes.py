@@ -393,7 +393,7 @@ def _kinetic_participation(found: DriveMotion, vector: NDArray[np.complex128]) -
         along /= np.hypot(*along.T)[:, None]
         shape = own[: 2 * count].T.reshape(-1, count, 2)
         turned = np.abs(shape[..., 0] * along[:, 1] - shape[..., 1] * along[:, 0]) ** 2
-        off += part.at.mass * turned.sum(axis=1)
+        off += part.at.mass * (part.at.relative_mass * turned).sum(axis=1)
         roller += energy[:, : 2 * count].reshape(-1, count, 2).sum(axis=2).sum(axis=1)
     return tuple(parts), np.stack(shares, axis=1), off / np.maximum(roller, 1e-300)
 

@@ -28,7 +28,8 @@ class Coordinates:
     """Free coordinates of a drive's small motion."""
 
     rollers: int  # N
-    mass: float  # of a roller [kg]
+    mass: float  # of a roller, in the mean [kg]
+    relative_mass: Array  # (N,) of each over that
     basis: Array  # (3 B, m) free coordinates of bodies as unit directions of all (x, y, theta)
     inertia: Array  # (m, m) mass matrix of these
     owner: NDArray[np.int64]  # (m,) the body of each
@@ -45,6 +46,11 @@ class Coordinates:
         return self.oil_start + len(self.chambers)
 
     @property
+    def roller_masses(self) -> Array:
+        """Masses (2 N,) of the rollers' coordinates [kg]."""
+        return np.repeat(self.mass * self.relative_mass, 2)
+
+    @property
     def oil_start(self) -> int:
         """Index of the first coordinate of oil."""
         return 2 * self.rollers + len(self.owner)
@@ -58,7 +64,7 @@ class Coordinates:
     @property
     def mass_matrix(self) -> sp.csc_array:
         """Mass matrix (n, n): block diagonal, zero for oil."""
-        own = sp.diags_array(np.full(2 * self.rollers, self.mass))
+        own = sp.diags_array(self.roller_masses)
         blocks = [own, self.inertia] if len(self.owner) else [own]
         if len(self.chambers):
             blocks.append(sp.csc_array((len(self.chambers),) * 2))
@@ -94,7 +100,7 @@ class Coordinates:
         copies = len(straight)
         own = (turned.reshape(copies, -1) @ self.basis) @ self.inertia
         oil = self.area * (pressure[:, self.chambers] - self.rest)
-        return np.hstack([self.mass * straight.reshape(copies, -1), own, oil])
+        return np.hstack([self.roller_masses * straight.reshape(copies, -1), own, oil])
 
     def coordinate_vector(self, straight: NDArray[Any], turned: NDArray[Any]) -> NDArray[Any]:
         """Coordinate vectors (copies, n) of displaced rollers and bodies."""
@@ -141,8 +147,9 @@ def free_coordinates(probe: ForceProbe, states: ProbeStates) -> Coordinates:
     n = 2 * probe.rollers
     moves = np.hstack([np.zeros((len(of), n)), change @ basis, np.zeros((len(of), len(chambers)))])
     mass, area, rate = float(probe.base.chains["mass"][0]), wet["area"].copy(), -wet["area"] / volume
+    masses = mass, probe.base.relative_mass[: probe.rollers]
     return Coordinates(
-        probe.rollers, mass, basis, inertia, owner, turning, chambers, area, rate, wet["rest"].copy(), moves
+        probe.rollers, *masses, basis, inertia, owner, turning, chambers, area, rate, wet["rest"].copy(), moves
     )
 
 
