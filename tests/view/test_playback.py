@@ -25,7 +25,7 @@ from warpchain.view.palette import (
     tension_scale_top,
     variant_shades,
 )
-from warpchain.view.recorded_variants import compared_variants, recorded_variant, varied_inputs
+from warpchain.view.recorded_variants import compared_variants, legend_titles, recorded_variant, varied_inputs
 from warpchain.view.rerun.chart import BACKGROUND_COLOR
 from warpchain.view.rerun.drive_scene import log_drive
 from warpchain.view.rerun.run_playback import log_recording, playback_seconds, time_panel
@@ -112,7 +112,7 @@ def test_curves_within_the_budget_keep_the_tension_peak(run):
     tension[37, 5] = 1e6  # one frame's peak, at a frame that even thinning would leave out
     spiked = Trajectory(trajectory.drive, trajectory.time, **trajectory.channels() | {"tension": tension})
     spy = Spy()
-    log_curves(spy, "a", spiked, 20, {}, False)
+    log_curves(spy, "a", spiked, 20, {})
     time, columns = spy.columns["/a/curves/tension/largest"]
     values = columns["Scalars:scalars"].values.to_numpy()
     assert len(values) <= 40 < len(trajectory.time)
@@ -198,6 +198,25 @@ def test_variants_to_compare(run, tmp_path):
 def test_inputs_that_vary(run):
     ((name, values),) = varied_inputs(run).items()
     assert (name, values.tolist()) == ("sprockets.driven.load.torque", [200.0, 300.0, 400.0])
+
+
+def curve_names(spy):
+    """Names in the legends of all curves that were logged."""
+    styles = [parts[0] for path, parts in spy.static.items() if "/curves/" in path]
+    return {style.names.as_arrow_array().to_pylist()[0] for style in styles}
+
+
+def test_legends_name_variants_only_beside_others(run):
+    """Of one variant curves have their own names, of several chains these before them; of two variants theirs."""
+    spy = Spy()
+    log_recording(spy, compared_variants(run, None, []))
+    assert {"largest", "driver"} <= curve_names(spy) and not any("variant" in name for name in curve_names(spy))
+    one = compared_variants(run, None, ["2"])
+    spy = Spy()
+    log_recording(spy, one)
+    assert {"variant 0: largest", "variant 2: largest"} <= curve_names(spy)
+    chains = [dataclasses.replace(one[0], label=f"variant 0 {name}", chain=name) for name in ("first", "second")]
+    assert legend_titles(chains) == ["first", "second"] and legend_titles(one) == ["variant 0", "variant 2"]
 
 
 def test_comparison_and_ensemble_are_logged(run):

@@ -28,12 +28,13 @@ RunSource = Run | str | Path
 
 @dataclass(frozen=True)
 class RecordedVariant:
-    """A recorded variant to draw, with its label beside others."""
+    """A recorded variant to draw, with its label beside others; `chain` is that of one of several chains."""
 
     run: Run
     index: int
     trajectory: Trajectory
     label: str
+    chain: str = ""
 
 
 def recorded_variant(source: RunSource, variant: int | None, needed: Sequence[str] = DRIVE_CHANNELS) -> RecordedVariant:
@@ -58,7 +59,7 @@ def recorded_variant(source: RunSource, variant: int | None, needed: Sequence[st
 def variants_by_chain(one: RecordedVariant) -> list[RecordedVariant]:
     """Chains of a recorded variant, each as a variant to draw."""
     chains = chain_trajectories(one.trajectory).items()
-    return [replace(one, trajectory=chain, label=f"{one.label} {name}".rstrip()) for name, chain in chains]
+    return [replace(one, trajectory=chain, label=f"{one.label} {name}".rstrip(), chain=name) for name, chain in chains]
 
 
 def compared_variants(
@@ -145,3 +146,9 @@ def _numbers_by_path(node: object, path: str = "") -> dict[str, float]:
     for key, value in parts:
         found |= _numbers_by_path(value, f"{path}.{key}" if path else key)
     return found
+
+
+def legend_titles(shown: Sequence[RecordedVariant]) -> list[str]:
+    """Words that tell variants and chains apart in legends: of one variant its chains' names, "" of an only chain."""
+    single = len({(id(one.run), one.index) for one in shown}) == 1
+    return [one.chain if single else one.label for one in shown]

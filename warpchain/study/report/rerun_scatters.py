@@ -103,7 +103,7 @@ def _log_recorded_variant(stream: rr.RecordingStream, name: str, trajectory: Tra
     top = tension_scale_top(chains.values())
     for root, own in chains.items():
         log_drive(stream, root, thinned_trajectory(own, PLAYBACK_FRAMES), top)
-        log_curves(stream, root, own, PLAYBACK_FRAMES, curve_colors(own.drive), own=False)
+        log_curves(stream, root, own, PLAYBACK_FRAMES, curve_colors(own.drive))
     title = f"{name}: link tension from blue (0 N) to red ({top:.4g} N)"
     drawn, curves = (
         [f"+ {entity_path(root, *part)}/**" for root in chains] for part in (["drive"], ["curves", "tension"])

@@ -15,8 +15,14 @@ from warpchain.errors import ArchiveError, SimulationError
 from warpchain.results.run import Run, Trajectory
 from warpchain.results.signals import STRAND_TENSION_TITLE, forward_values, part_signals
 from warpchain.view.palette import CURVE_PALETTE, Color, ScaleTop, curve_colors, tension_scale_top
-from warpchain.view.recorded_variants import DRIVE_CHANNELS, RecordedVariant, compared_variants, variants_by_chain
-from warpchain.view.rerun.chart import BACKGROUND_COLOR, Chart
+from warpchain.view.recorded_variants import (
+    DRIVE_CHANNELS,
+    RecordedVariant,
+    compared_variants,
+    legend_titles,
+    variants_by_chain,
+)
+from warpchain.view.rerun.chart import BACKGROUND_COLOR, WIDE_CHART, Chart
 from warpchain.view.rerun.drive_scene import log_chain_outline, log_drive, thinned_trajectory
 from warpchain.view.rerun.ensemble_scatters import log_ensemble
 from warpchain.view.rerun.signal_charts import (
@@ -79,7 +85,10 @@ def playback_blueprint(
         ]
 
     look: dict[str, Any] = {"visual_bounds": _drive_bounds(shown), "background": BACKGROUND_COLOR}
-    titles = {root: f"{root}: link tension {scale}" for root in roots}
+    titles = {
+        root: f"{title}: link tension {scale}" if title else f"link tension {scale}"
+        for root, title in zip(roots, legend_titles(shown), strict=True)
+    }
     drives = [rrb.Spatial2DView(origin=entity_path(root, "drive"), name=titles[root], **look) for root in roots]
     beside = rrb.Vertical(*curve_views("tension", "contact", "displacement"))
     tabs: list[rrb.Container | rrb.View] = []
@@ -241,13 +250,14 @@ def log_recording(
     several = len(shown) > 1
     top = tension_scale_top([one.trajectory for one in shown], scale)
     images, lines = [], dict[str, list[SpectrumLine]]()
-    for k, one in enumerate(shown):
+    width = WIDE_CHART * 0.5 * (len(shown) + 1)  # as many views below each other, and one of curves, fill their tab
+    for k, (one, title) in enumerate(zip(shown, legend_titles(shown), strict=True)):
         color = CURVE_PALETTE[k % len(CURVE_PALETTE)]
-        images.append(log_variant(stream, one, frames, top, color if several else None))
+        images.append(log_variant(stream, one, frames, top, color if several else None, title, width))
         colors = curve_colors(one.trajectory.parts, color if several else None)
-        for title, found in spectrum_lines(one.trajectory, colors).items():
-            named = [line._replace(name=f"{one.label}: {line.name}") if several else line for line in found]
-            lines.setdefault(title, []).extend(named)
+        for spectrum, found in spectrum_lines(one.trajectory, colors).items():
+            named = [line._replace(name=f"{title}: {line.name}") if title else line for line in found]
+            lines.setdefault(spectrum, []).extend(named)
         if several:
             outline = thinned_trajectory(one.trajectory, frames)
             log_chain_outline(stream, entity_path("overlaid", one.label), outline, color)
@@ -260,14 +270,25 @@ def log_recording(
 
 
 def log_variant(
-    stream: rr.RecordingStream, one: RecordedVariant, frames: int, top: float, color: Color | None = None
+    stream: rr.RecordingStream,
+    one: RecordedVariant,
+    frames: int,
+    top: float,
+    color: Color | None = None,
+    title: str = "",
+    width: float = WIDE_CHART,
 ) -> Chart:
-    """Logs one variant's drive, curves and tension image to Rerun; returns the chart."""
+    """Logs one variant's drive, curves and tension image to Rerun; returns the image's chart.
+
+    Args:
+        title: before the names of its curves; "" where there is nothing beside it.
+        width: of the image over its height.
+    """
     drawn = thinned_trajectory(one.trajectory, frames)
     colors = curve_colors(one.trajectory.parts, color)
     log_drive(stream, one.label, drawn, top, colors)
-    log_curves(stream, one.label, one.trajectory, frames, colors, color is not None)
-    return log_tension_image(stream, one.label, one.trajectory, drawn, frames, top)
+    log_curves(stream, one.label, one.trajectory, frames, colors, title)
+    return log_tension_image(stream, one.label, one.trajectory, drawn, frames, top, width)
 
 
 def _new_stream() -> rr.RecordingStream:

@@ -92,16 +92,21 @@ def recorded_curves(trajectory: Trajectory) -> Iterator[tuple[str, str, NDArray[
 
 
 def log_curves(
-    stream: rr.RecordingStream, root: str, trajectory: Trajectory, budget: int, colors: Mapping[str, Color], own: bool
+    stream: rr.RecordingStream,
+    root: str,
+    trajectory: Trajectory,
+    budget: int,
+    colors: Mapping[str, Color],
+    title: str = "",
 ) -> None:
-    """Logs a trajectory's curves to Rerun, thinned with peaks kept, named after the variant if `own`."""
+    """Logs a trajectory's curves to Rerun, thinned with peaks kept, their names after `title` if there is one."""
     import pyarrow as pa
     import rerun as rr
 
     for group, name, values in recorded_curves(trajectory):
         path = entity_path(root, "curves", group, name)
         style = rr.SeriesLines(
-            names=[f"{root}: {name}" if own else name],
+            names=[f"{title}: {name}" if title else name],
             colors=[colors.get(name, INK_COLOR)],
             aggregation_policy=rr.components.AggregationPolicy.MinMax,
         )
@@ -156,9 +161,15 @@ def curve_axis_range(shown: Sequence[Trajectory], group: str) -> tuple[float, fl
 
 
 def log_tension_image(
-    stream: rr.RecordingStream, root: str, trajectory: Trajectory, shown: Trajectory, budget: int, top: float
+    stream: rr.RecordingStream,
+    root: str,
+    trajectory: Trajectory,
+    shown: Trajectory,
+    budget: int,
+    top: float,
+    width: float = WIDE_CHART,
 ) -> Chart:
-    """Logs the tension of all links over time to Rerun as an image; returns its chart."""
+    """Logs the tension of all links over time to Rerun as an image `width` times as wide as high; returns its chart."""
     (tension,) = require_channels(trajectory, "tension")
     _, peaks = peaks_over_time(tension, min(budget, MOST_COLUMNS))
     packed = packed_tension_colors(tension_color_steps(np.ascontiguousarray(peaks.T[::-1]), top))
@@ -167,7 +178,7 @@ def log_tension_image(
         ChartAxis("time [s]", 0.0, float(trajectory.time[-1])),
         ChartAxis("link", 0.0, float(trajectory.parts.chain.links)),
     )
-    chart = Chart(stream, (root, "tension image"), *axes, width=WIDE_CHART)
+    chart = Chart(stream, (root, "tension image"), *axes, width=width)
     chart.log_image("image", pixels)
     chart.log_frame(grid=False)
     chart.log_cursor("cursor", shown.time)
