@@ -59,7 +59,7 @@ def playback(asked: argparse.Namespace) -> Iterator[Line]:
     top, colors = tension_scale_top([trajectory]), curve_colors(trajectory.drive)
     parts: dict[str, Callable[[Any], object]] = {
         "drive in motion": lambda stream: log_drive(stream, "a", trajectory, top),
-        "curves": lambda stream: log_curves(stream, "a", trajectory, frames, colors, False),
+        "curves": lambda stream: log_curves(stream, "a", trajectory, frames, colors),
         "tension image": lambda stream: log_tension_image(stream, "a", trajectory, trajectory, frames, top),
         "a variant (the three)": lambda stream: log_variant(stream, one, frames, top),
         "spectra": lambda stream: log_spectrum_charts(stream, spectrum_lines(trajectory, colors), [30]),

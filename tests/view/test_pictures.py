@@ -199,12 +199,14 @@ def test_legends_stand_above_the_data_and_words_within_the_figure(run):
             assert legend.get_window_extent().y0 >= legend.axes.get_window_extent().y1 - 1.0
         for axis in figure.axes:
             assert axis.get_window_extent().width > 0.8 * figure.bbox.width
-            words = [axis.title, axis.xaxis.label, axis.yaxis.label, *axis.get_yticklabels()]
+            panel, labels = axis.get_window_extent(), axis.get_yticklabels()
+            labels = [text for text in labels if panel.padded(5.0).y0 < text.get_window_extent().y0 < panel.y1]
+            words = [axis.title, axis.xaxis.label, axis.yaxis.label, *labels]
             legend = axis.get_legend()
             boxes = [text.get_window_extent() for text in words if text.get_text() and text.get_visible()]
             for box in [*boxes, *([legend.get_window_extent()] if legend else [])]:
                 assert box.x0 > 0.0 and box.y0 > 0.0 and box.x1 < figure.bbox.x1 and box.y1 < figure.bbox.y1
-            ticks = [text.get_window_extent().x0 for text in axis.get_yticklabels() if text.get_text()]
+            ticks = [text.get_window_extent().x0 for text in labels if text.get_text()]
             assert axis.yaxis.label.get_window_extent().x1 <= min(ticks)
 
 

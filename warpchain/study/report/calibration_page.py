@@ -33,15 +33,16 @@ def write_calibration_page(found: Calibration) -> Path:
     """Writes a calibration's HTML page; returns the file."""
     page = found.folder / "calibration.html"
     title = found.study.study.name or found.folder.resolve().name
-    sections = [
-        _calibration_summary(found),
-        _unknowns_section(found),
+    rest = [
         _fit_section(found),
         *_signal_sections(found),
         _directions_section(found),
         _predictions_section(found),
+        _rounds_section(found),
     ]
-    write_study_text(page, report_page_html(title, [*(s for s in sections if s), _rounds_section(found)]))
+    first = [_calibration_summary(found), _unknowns_section(found)]
+    sections = [*first, *(section._replace(folded=True) for section in rest if section)]
+    write_study_text(page, report_page_html(title, sections, about=[str(found.folder)]))
     return page
 
 

@@ -37,8 +37,9 @@ def write_risk_page(found: RiskEstimate, page: str | Path | None = None, title: 
     """Writes a risk estimate's HTML page; returns the file."""
     target = found.folder / PAGE_FILE if page is None else Path(page)
     name = title or found.study.study.name or found.folder.resolve().name
-    sections = [_risk_summary(found), _failures_section(found), _noise_section(found), _methods_section(found)]
-    write_study_text(target, report_page_html(name, sections))
+    rest = [_failures_section(found), _noise_section(found), _methods_section(found)]
+    sections = [_risk_summary(found), *(section._replace(folded=True) for section in rest)]
+    write_study_text(target, report_page_html(name, sections, about=[str(found.folder)]))
     return target
 
 

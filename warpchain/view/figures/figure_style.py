@@ -30,6 +30,8 @@ CHAIN_COLORS = ("#1f77b4", "#e8710a", "#2a9d4a", "#8b5fbf", "#c9302c", "#0fa3b1"
 """Colors of a drive's chains, one after the other."""
 FILE_DPI = 120
 """Pixels of a figure's file in an inch."""
+MOST_TICKS = 6
+"""Most spaces between the ticks of a panel's upright axis."""
 COLUMN_WIDTH, TICK_SIZE, LEGEND_SIZE = 10.0, 9.0, 8.0
 """Width of a column of panels [in], sizes of ticks' and legends' words [pt]."""
 FIGURE_STYLE: Any = {
@@ -123,6 +125,7 @@ def panel_column(
     for axis in axes:
         axis.tick_params(labelsize=TICK_SIZE)
         axis.margins(x=0.0)
+        axis.locator_params(axis="y", nbins=MOST_TICKS)
     return figure, axes
 
 
