@@ -72,7 +72,9 @@ def stepping(
     progress: Progress = False,
     workers: Workers | None = None,
 ) -> SteppedRun:
-    """A run that is advanced piece by piece, as a context; advanced in any pieces it has the states of one `simulate`.
+    """A run that is advanced piece by piece, as a context.
+
+    Advanced in any pieces it has the states of one `simulate` run, on a CPU to the last bit.
 
     Args:
         drives: one drive, whose values have no axis for variants, or V drives, whose values have that first.
