@@ -149,6 +149,6 @@ def _numbers_by_path(node: object, path: str = "") -> dict[str, float]:
 
 
 def legend_titles(shown: Sequence[RecordedVariant]) -> list[str]:
-    """Words that tell variants and chains apart in legends: of one variant its chains' names, "" of an only chain."""
+    """Words by which legends distinguish variants and chains: of one variant its chains' names, "" of an only chain."""
     single = len({(id(one.run), one.index) for one in shown}) == 1
     return [one.chain if single else one.label for one in shown]
