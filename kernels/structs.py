@@ -382,6 +382,7 @@ class Strand:
     start: wp.vec2d  # [m]
     direction: wp.vec2d
     length: wp.float64  # [m]
+    end: wp.int32  # of an open chain, bits: 1, it begins at the first pin; 2, it ends at the last; 4, it is the gap
     middle: wp.int32  # last roller not past mid-strand
     first_link: wp.int32  # first link between the tangent points
     links: wp.int32  # how many
@@ -453,6 +454,7 @@ class Chain:
     outer_stiffness: wp.float64  # k of links of an even index [N/m]; `stiffness` is that of the others
     outer_damping: wp.float64  # c of these [N s/m]
     play: wp.float64  # s of a link, its two joints' [m]
+    absent: wp.int32  # the link, counted from 1, that an open chain lacks between its ends; 0: none
     pin_radius: wp.float64  # r_p [m]
     joint_arm: wp.float64  # kappa r_p [m]
     joint: Friction
@@ -475,6 +477,7 @@ class Sprocket:
     law: ContactLaw
     near_square: wp.float64  # (R - b)^2, not below 0, and
     far_square: wp.float64  # (R + b)^2: rollers between are engaged, b = max(p/2, R_tip + Rr + `law.ahead` - R)
+    pin: wp.int32  # of an end, its only roller, counted from 1; 0: a sprocket with teeth
     exact_radius: wp.float64  # R, beside rows of float32 too [m]
 
 

@@ -382,7 +382,7 @@ def strand_follower(Real: type) -> wp.Function:
 
     @wp.func
     def follow_strand(rollers: wp.array[Real], x: int, y: int, n: int, strand: Strand, anew: bool):
-        """A strand with its middle and links updated, or searched `anew`.
+        """A strand with its middle and links updated, or searched `anew`; ends of an open chain bound it.
 
         Roller i's coordinates are `rollers[x + i]` and `rollers[y + i]`.
         """
@@ -397,6 +397,11 @@ def strand_follower(Real: type) -> wp.Function:
             last = (first + strand.links) % n
         first = next_index(last_roller_before(rollers, x, y, n, previous_index(first, n), wp.float64(0.0), strand), n)
         last = last_roller_before(rollers, x, y, n, last, strand.length, strand)
+        if strand.end != 0:
+            first = wp.where(strand.end & 1 != 0, 0, first)
+            last = wp.where(strand.end & 2 != 0, n - 1, last)
+            last = wp.where(strand.end & 4 != 0, first, wp.max(first, last))
+            middle = wp.clamp(middle, first, wp.max(first, last - 1))
         strand.middle = middle
         strand.first_link = first
         strand.links = (last - first + n) % n

@@ -10,10 +10,12 @@ import numpy as np
 import pytest
 import warp as wp
 from drives import jointed_blade, timing, two_sprockets
+from open_chains import hoist
 from parts import coupling, gears, shaft
 from raw import stepped
 
 from warpchain import Drive, dumps_drive, load_drive
+from warpchain.drive.drive import drive_values
 from warpchain.drive.examples import drive_path
 from warpchain.engine.arrays import ARRAYS, device_values, empty_sums, empty_tallies, upload_ensemble, upload_state
 from warpchain.engine.chain_rows import ChainRows
@@ -169,6 +171,17 @@ def bucketed():
 
 def bucketed_rk4():
     return [drive.with_values({"run.integrator": "rk4"}) for drive in bucketed()]
+
+
+def hoists():
+    """Open chains: with a weight that swings and rubbing joints, and between a led end and a slider."""
+    first = hoist()
+    led = {"kind": "prescribed", "direction": [0.0, 1.0], "amplitude": 1e-3, "frequency": 200.0}
+    slider = {"kind": "slider", "direction": [0.0, -1.0], "stiffness": 1e3, "damping": 10.0, "preload": 50.0}
+    return [
+        first.with_values(BENDING | {"sprockets.wheel.load": {"torque": 5.0}}),
+        first.with_values({"sprockets.start.mount": led, "sprockets.weight.mount": slider}),
+    ]
 
 
 def arms():
@@ -511,7 +524,7 @@ OF_TWO_RK4 = (rk4, *TRAINS_RK4, segments_rk4)
 What a kernel has for one of them all others go through, which then is what a test of them is for: beside a family with
 arms on arms, shafts, moving centers or valves stands one without.
 """
-RUBBING = (rubbing, bending, uneven, bucketed)
+RUBBING = (rubbing, bending, uneven, bucketed, hoists)
 ON_ARMS = (*SWUNG, *SWUNG_LIGHT, arms, drawn, fed)
 VALVED = (geared_stages, cushed_stages, light_stages, geared_light_stages, stages_of_two_chains, valved_stages)
 V6 = (v6, v6_fed)
@@ -618,7 +631,7 @@ def with_spares(drive, lacking):
     """A drive with so many spare parts of each sort."""
     if not any(lacking.values()):
         return drive
-    values = drive.model_dump(exclude_none=True)
+    values = drive_values(drive)
     for sort, part in SPARE.items():
         values[sort] = [*values[sort], *(part | {"name": f"spare {sort} {k}"} for k in range(lacking[sort]))]
     if values["guides"]:

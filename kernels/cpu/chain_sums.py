@@ -75,7 +75,8 @@ def chain_sum_functions(Real: type, capacity: int) -> ChainSumFunctions:
         per_force = bins_per_force(drive.tension_scale)
         for j in range(n):
             at = (first + variant + int(access.load(w, row.strand + j))) * BINS
-            count_tension(sums.tension_counts, at, access.load(w, row.tension + j), per_force)
+            if j + 1 != ensemble.chains[variant].absent:
+                count_tension(sums.tension_counts, at, access.load(w, row.tension + j), per_force)
         for s in range(drive.sprockets):
             before = state.strands[first + wp.where(s > 0, s, drive.sprockets) - 1]
             roller = mid_wrap_roller(before, state.strands[first + s], n)

@@ -69,6 +69,10 @@ def joint_functions(Real: type, capacity: int) -> JointFunctions:
             rollers.store_link_force(w, i, tension, rate, u)
             store_turn_rate(w, i, d, v)
             i = i + 1
+        if chain.absent > 0:  # in its place, what holds the ends does not turn
+            access.store(w, row.turn_rate + chain.absent - 1, Real(0.0))
+            access.store(w, row.couple_x + chain.absent, Real(0.0))
+            access.store(w, row.couple_y + chain.absent, Real(0.0))
         access.store(w, row.link_x, access.load(w, row.link_x + n))
         access.store(w, row.link_y, access.load(w, row.link_y + n))
 
@@ -144,7 +148,7 @@ def joint_functions(Real: type, capacity: int) -> JointFunctions:
         mine = rollers.acceleration(w, i, chain.inverse_mass, chain.gravity)
         of_next = rollers.acceleration(w, next_index(i, n), chain.inverse_mass, chain.gravity)
         lever, turn = link_turning(rollers.link_vector(w, i), rollers.link_velocity(w, i) + lag * (of_next - mine))
-        return turn
+        return wp.where(i + 1 == chain.absent, Real(0.0), turn)
 
     @wp.func
     def friction_power(w: wp.array[Real], i: int, n: int, chain: Chain, lag: Real):

@@ -105,7 +105,8 @@ def link_tally_functions(Real: type, capacity: int) -> LinkTallyFunctions:
     def merge_links(w: wp.array[Real], n: int, chain: Chain, sums: ChainSums, step: wp.float64):
         """The chain's `sums` with the tallies of all links; `step` is its length [s]."""
         for i in range(n):
-            sums = merge_extremes_of(w, i, sums)
+            if i + 1 != chain.absent:
+                sums = merge_extremes_of(w, i, sums)
             stiffness, damping = link_spring(i, chain)
             sums.dissipated = sums.dissipated + step * wp.float64(damping * access.load(w, row.rate_squares + i))
         return sums

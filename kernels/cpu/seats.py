@@ -45,7 +45,7 @@ def seat_functions(Real: type, capacity: int) -> SeatFunctions:
             square = x * x + y * y
             near = Real(0.0)
             if square > sprocket.near_square and square < sprocket.far_square:
-                near = Real(1.0)
+                near = wp.where(sprocket.pin == 0 or sprocket.pin == i + 1, Real(1.0), Real(0.0))
             access.store(w, row.near + i, near)
             i = i + 1
 

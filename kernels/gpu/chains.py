@@ -152,7 +152,7 @@ def chain_functions(kind: BlockKind) -> ChainFunctions:
         if wp.static(several):
             return wp.min(strand - shared.chain_places[chain_number(shared, j)].first_sprocket, drive.sprockets)
         else:
-            return strand
+            return wp.min(strand, drive.sprockets)
 
     @wp.func
     def body_index(shared: Shared, first: int, b: int):

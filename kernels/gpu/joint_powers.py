@@ -8,7 +8,6 @@ import warp as wp
 from ..native import row_access
 from ..physics.friction import (
     joint_friction_power,
-    link_turning,
 )
 from .block_kinds import BlockKind
 from .block_structs import ThreadParts
@@ -45,7 +44,7 @@ def joint_power_functions(kind: BlockKind) -> JointPowerFunctions:
         tension, rate, force = links.link_load(shared, j, n, access.load(ensemble.lengths, mine.first_roller + j))
         d, w = links.link_vector_and_velocity(shared, j, n)
         next = chains.next_roller(shared, j, n)
-        lever, turn = link_turning(d, w)
+        lever, turn = joints.turning_of_link(shared, j, n, d, w)
         later = turn + lag * wp.dot(lever, rollers.acceleration(shared, next) - rollers.acceleration(shared, j))
         return tension, turn, later
 

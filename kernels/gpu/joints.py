@@ -36,6 +36,7 @@ class JointFunctions:
     """Link forces of chains whose joints rub, and the work of their friction."""
 
     moment_between_links: wp.Function
+    turning_of_link: wp.Function
     find_link_forces: wp.Function
     add_friction_work: wp.Function
 
@@ -68,6 +69,20 @@ def joint_functions(kind: BlockKind) -> JointFunctions:
         if wp.static(kind.friction.joints == BY_SPEED):
             mu = joint_friction_coefficient(before[1], after[1], chain)
         return joint_friction_moment(mu, before[0], before[1], after[0], after[1], held, chain, stretched)
+
+    @wp.func
+    def turning_of_link(shared: Shared, j: int, n: int, d: vec2, w: vec2):
+        """n / L [1/m] and rate of turning [rad/s] of link j; 0 of an absent one, as what holds the ends does not turn.
+
+        `d` and `w` are from `link_vector_and_velocity`.
+        """
+        lever, turn = link_turning(d, w)
+        if wp.static(kind.links == "varied"):
+            first, count = chains.chain_span(shared, j, n)
+            exists = j - first + 1 != chains.chain_at(shared, j).absent
+            return wp.where(exists, lever, vec2()), wp.where(exists, turn, Real(0.0))
+        else:
+            return lever, turn
 
     @wp.func
     def tension_and_turn_rate(rows: wp.array[Real], j: int):
@@ -155,7 +170,7 @@ def joint_functions(kind: BlockKind) -> JointFunctions:
             tension_k, rate_k, force = links.link_load_from_vector(
                 shared, j, n, d, w, links.link_length(shared, lengths, j)
             )
-            lever, turn = link_turning(d, w)
+            lever, turn = turning_of_link(shared, j, n, d, w)
             access.store(rows, TENSION + j, tension_k)
             access.store(rows, TURN + j, turn)
             tension[k] = tension_k
@@ -211,6 +226,7 @@ def joint_functions(kind: BlockKind) -> JointFunctions:
 
     return JointFunctions(
         moment_between_links=moment_between_links,
+        turning_of_link=turning_of_link,
         find_link_forces=find_link_forces,
         add_friction_work=add_friction_work,
     )

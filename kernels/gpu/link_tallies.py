@@ -102,7 +102,8 @@ def link_tally_functions(kind: BlockKind) -> LinkTallyFunctions:
         if s >= 0:
             at = ensemble.drives[mine.variant].first_sprocket + s
             lowest, highest = strand_extremes(shared, s)
-            sums.strand[at] = merge_extremes(sums.strand[at], lowest, highest)
+            if lowest <= highest:  # else it has had no links
+                sums.strand[at] = merge_extremes(sums.strand[at], lowest, highest)
         if mine.thread == 0:
             for r in range(chain_count):
                 lowest, highest = strand_extremes(shared, sprockets + r)

@@ -68,7 +68,12 @@ def near_partner_functions(kind: BlockKind) -> NearPartnerFunctions:
                 from_x = p[0] - band.center[0]
                 from_y = p[1] - band.center[1]
                 square = products(from_x, from_x, from_y, from_y)
-                found[k] = found[k] | (is_between(square, band.near_square, band.far_square) << s)
+                near = is_between(square, band.near_square, band.far_square)
+                if wp.static(kind.links == "varied"):
+                    first, count = chains.chain_span(shared, k * threads + mine.thread, mine.rollers)
+                    pin = shared.teeth[s].pin
+                    near = wp.where(pin == 0 or pin == k * threads + mine.thread - first + 1, near, 0)
+                found[k] = found[k] | (near << s)
             s = s + 1
         g = int(0)
         while g < guides:

@@ -61,7 +61,9 @@ def statistics_functions(kind: BlockKind) -> StatisticsFunctions:
             drive = ensemble.drives[row]
             strand = link_tallies.add_link_tension(out.tallies, drive, shared, j, n, tension)
             at = (drive.first_sprocket + row + strand) * BINS
-            count_tension(out.sums.tension_counts, at, tension, bins_per_force(drive.tension_scale))
+            first, count = chains.chain_span(shared, j, n)
+            if j - first + 1 != chains.chain_at(shared, j).absent:
+                count_tension(out.sums.tension_counts, at, tension, bins_per_force(drive.tension_scale))
             j = j + threads
         s = mine.sprocket
         if s >= 0:

@@ -45,7 +45,10 @@ def strand_functions(kind: BlockKind) -> StrandFunctions:
             if place < strands[first + s].links:
                 if chains.partners_of_chain(shared, j, 1 << s) != 0:
                     found = s
-        return wp.where(j < n, found, wp.static(sprockets + kind.parts.chains))
+        exists = j < n
+        if wp.static(kind.links == "varied"):
+            exists = exists and j - begin + 1 != chains.chain_at(shared, j).absent
+        return wp.where(exists, found, wp.static(sprockets + kind.parts.chains))
 
     @wp.func
     def find_strands(ensemble: kinds.Ensemble, state: kinds.State, shared: Shared, mine: ThreadParts):

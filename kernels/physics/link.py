@@ -5,7 +5,8 @@ With d = r_{i+1} - r_i, L = |d|, u = d / L and w = v_{i+1} - v_i (Pedersen et al
     T = k (L - p) + c L',    L' = w . u,    F = T u   on roller i, -F on roller i + 1.
 
 p is the link's unloaded length. Outer and inner links alternate and may differ; with a play s the spring acts on what
-goes beyond it, k (L - p - s) above p + s, k (L - p + s) below p - s.
+goes beyond it, k (L - p - s) above p + s, k (L - p + s) below p - s. The link between an open chain's ends is absent:
+without stiffness or damping.
 """
 
 from typing import Any
@@ -44,16 +45,20 @@ def uneven_link_force(d: Any, w: Any, length: Any, i: int, chain: Any):
 
 @wp.func
 def has_uneven_links(chain: Any):
-    """Whether a chain's links differ in more than their length, or have play."""
+    """Whether a chain's links differ in more than their length, have play, or one is absent."""
     like = chain.outer_stiffness == chain.stiffness and chain.outer_damping == chain.damping
-    return not like or chain.play != type(chain.play)(0.0)
+    return not like or chain.play != type(chain.play)(0.0) or chain.absent > 0
 
 
 @wp.func
 def link_spring(i: int, chain: Any):
-    """Stiffness [N/m] and damping [N s/m] of link `i`, outer where even."""
+    """Stiffness [N/m] and damping [N s/m] of link `i`, outer where even, 0 where absent."""
     outer = i % 2 == 0
-    return wp.where(outer, chain.outer_stiffness, chain.stiffness), wp.where(outer, chain.outer_damping, chain.damping)
+    stiffness = wp.where(outer, chain.outer_stiffness, chain.stiffness)
+    damping = wp.where(outer, chain.outer_damping, chain.damping)
+    none = type(stiffness)(0.0)
+    exists = i + 1 != chain.absent
+    return wp.where(exists, stiffness, none), wp.where(exists, damping, none)
 
 
 @wp.func
@@ -92,10 +97,11 @@ def roller_energy(position: Any, velocity: Any, tension: Any, rate: Any, i: int,
     """Kinetic and elastic energy [J] of roller `i` and its link, and m g . x [J]."""
     stiffness, damping = link_spring(i, chain)
     spring = wp.float64(tension - damping * rate)
+    apart = wp.where(i + 1 == chain.absent, wp.float64(1.0), wp.float64(stiffness))
     vx = wp.float64(velocity[0])
     vy = wp.float64(velocity[1])
     lift = wp.float64(chain.gravity[0]) * wp.float64(position[0]) + wp.float64(chain.gravity[1]) * wp.float64(
         position[1]
     )
-    held = wp.float64(0.5) * (wp.float64(chain.mass) * (vx * vx + vy * vy) + spring * spring / wp.float64(stiffness))
+    held = wp.float64(0.5) * (wp.float64(chain.mass) * (vx * vx + vy * vy) + spring * spring / apart)
     return held, wp.float64(chain.mass) * lift

@@ -264,7 +264,7 @@ CARRIED = wrong(
     SWING,
     (f"{IDLER}/mount/arm", ["swing am"], "must be the name of an arm; did you mean swing arm?"),
     (f"{IDLER}/mount/arm", [3], "must be a text that is not empty"),
-    (f"{IDLER}/mount/kind", ["lever"], 'must be "fixed", "prescribed", "elastic", "slider" or "arm"'),
+    (f"{IDLER}/mount/kind", ["lever"], 'must be "fixed", "prescribed", "elastic", "free", "slider" or "arm"'),
     (f"{IDLER}/mount/pivot", [[0.0, 0.0]], "unknown key; allowed are kind, arm"),
     (f"{IDLER}/center", [[0.05, -0.11]], 'must not be the pivot of "swing arm", which carries it'),
     (f"{IDLER}/mass", [None], f'{POSITIVE}; needed with mount kind "arm"'),

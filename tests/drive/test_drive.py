@@ -144,6 +144,8 @@ def test_document_names_every_key_with_its_default():
         for key, field in part.model_fields.items():
             rows = [line for line in text.splitlines() if line.startswith("|") and f"`{key}`" in line]
             assert rows or re.search(rf"`{key}`|\[{key}[].]|\.{key}\]", text), (part, key)
+            if key == "teeth":  # needed but for an end, which has none
+                continue
             if rows and not field.is_required() and field.default in (0.0, 1.0) and not isinstance(field.default, bool):
                 assert any(f"| {field.default:g} |" in row for row in rows), (part, key)
 

@@ -66,7 +66,6 @@ def test_studies_and_the_drive_of_the_documents_are_taken():
         ('wrap = "cw"', 'wrap = "clockwise"', "sprockets.0.wrap"),
         ('stiffness = "estimate"', 'stiffness = "guess"', "chain.stiffness"),
         ("clearance = 5.0e-5", "clearance = -1.0", "contact.sprocket.clearance"),
-        ("teeth = 14", "", "sprockets.0"),
     ],
 )
 def test_mistakes_are_marked_where_they_are(find, put, where):

@@ -34,6 +34,9 @@ def test_radii_wraps_links_and_travel_are_in_the_picture(name):
     for whole in Model(drive).chains:
         path = chain_path(whole)
         for s, sprocket in enumerate(whole.sprockets):
+            if sprocket.is_end:
+                assert any(w.startswith("end") for w in words)
+                continue
             told = [w for w in words if w.startswith(f"{sprocket.teeth} teeth, r ")]
             shown = [re.fullmatch(r"\d+ teeth, r ([\d.]+) (m|mm)\nwrap ([\d.]+)\N{DEGREE SIGN}", w) for w in told]
             radius = whole.sprocket_pitch(s) / (2.0 * math.sin(math.pi / sprocket.teeth))
@@ -42,13 +45,13 @@ def test_radii_wraps_links_and_travel_are_in_the_picture(name):
                 and float(match[3]) == pytest.approx(math.degrees(path.wrap_angle[s]), abs=0.051)
                 for match in shown
             ), sprocket.name
-        for links in assemble_chain(whole).strand_links:
+        for links in assemble_chain(whole).strand_links[: len(whole.strand_names)]:
             assert f"{links} links" in words
         for arm, angle in zip(whole.arms, path.arm_angle, strict=True):
             (told,) = [w for w in words if w.startswith(f"{arm.name} at ")]
             assert f"{math.degrees(angle):+.1f}\N{DEGREE SIGN}" in told
             assert arm.stops is None or "{:+g} to {:+g}\N{DEGREE SIGN}".format(*arm.stops) in told
-    assert f"{drive.links} links" in drive_figure(drive).axes[0].get_title()
+    assert f"{sum(chain.links for chain in drive.each_chain)} links" in drive_figure(drive).axes[0].get_title()
 
 
 def test_arms_are_drawn_on_their_stops():

@@ -34,6 +34,7 @@ from warpchain.assembly.table_cells import initial_speed
 from warpchain.assembly.taut_string import TautString
 from warpchain.drive.body_ties import BodyTie, body_ties
 from warpchain.drive.face_profile import unit_vector
+from warpchain.drive.sprocket import ElasticMount, SliderMount
 from warpchain.drive.stack_math import (
     UnlikeVariants,
     array_of_columns,
@@ -42,6 +43,7 @@ from warpchain.drive.stack_math import (
     hypot,
     is_true_everywhere,
     is_true_somewhere,
+    maximum,
     power,
     shared_value,
     table_of_columns,
@@ -50,7 +52,7 @@ from warpchain.drive.stack_math import (
 )
 from warpchain.errors import DriveError
 from warpchain.model import ChainModel, Model
-from warpchain.model.mounts import initial_velocity
+from warpchain.model.mounts import initial_velocity, is_on_springs, moving_mass, unit_direction
 from warpchain.model.parts_between_chains import LedSprocket
 from warpchain.model.stacks import pick_variants, variants_of_either
 from warpchain.model.start_phase import motion_from_start_phase
@@ -63,6 +65,7 @@ Array = NDArray[np.float64]
 
 _STRAIGHT = 1e-12  # a strand this little slack is drawn straight
 _BALANCES = 12  # of arms
+_HANGS = 3  # of a weight on an end
 _NEAR = 1e-8  # rad; an arm that has turned by no more is where secants leave round-off
 _ROUGH, _FINE = 1e-10, 1e-13  # pitches that a further laying of links may change, at first and at last
 KEYED = 0.05  # degrees; a key that misses by no more fits
@@ -138,7 +141,7 @@ def assemble_stack(model: ChainModel) -> Assembly:
         UnlikeVariants: some go around other arcs of guides.
     """
     path, seating, loop = _seated_stack(model)
-    count, variants = model.chain.links, len(path.radius)
+    count, variants = model.chain.rollers, len(path.radius)
     angle, first_seat = _sprocket_angles(model, table_of_columns(seating.first_angle, variants))
     speed, shaft_speed = _starting_speeds(model, path, variants)
     _check_keys(model, angle)
@@ -152,7 +155,11 @@ def assemble_stack(model: ChainModel) -> Assembly:
     for alike in _seat_patterns(seats, links):
         at = _RollerPlacement(model, path, alike, count)
         like = 0 if isinstance(alike, slice) else alike[0]
-        for s, sprocket in enumerate(model.sprockets):
+        for s in sorted(range(len(model.sprockets)), key=lambda s: model.sprockets[s].is_end):
+            sprocket = model.sprockets[s]
+            if sprocket.is_end and is_on_springs(sprocket):
+                k = max(s - 1, 0)
+                at.hang_end(s, int(last[like, k]), int(links[like, k]))
             rollers = slice(first[like, s], last[like, s] + 1)
             seat = sprocket.sign * np.arange(seats[like, s]) + first_seat[alike, s, None]
             at.seat(s, rollers, angle[alike, s], speed[alike, s], seat % sprocket.teeth)
@@ -226,6 +233,44 @@ class _RollerPlacement:
         self.velocity[:, rollers, 0] = self._own(velocity[..., 0]) + speed[:, None] * -up
         self.velocity[:, rollers, 1] = self._own(velocity[..., 1]) + speed[:, None] * across
 
+    def hang_end(self, s: int, begin: int, links: int) -> None:
+        """Moves an end that can move to where its strand, straight, holds its weight and preload.
+
+        A strand of n links and the holes of the pins at its ends, as stiff as links, are stretched by T and half the
+        strand's own weight. A free end hangs below the roller that holds the strand, another stays on its line.
+
+        Args:
+            begin, links: of its strand.
+        """
+        sprocket, chain, held = self.model.sprockets[s], self.model.chain, begin + links if s == 0 else begin
+        natural = np.take(self.lengths, np.arange(begin, begin + links) % self.lengths.shape[1], axis=1).sum(axis=1)
+        gravity = np.concatenate([self._column(part) for part in self.model.run.gravity], axis=1)
+        mount, off = sprocket.mount, self.path.center[self.alike, s] - self.position[:, held]
+        pull = self._column(moving_mass(sprocket)) * gravity
+        if isinstance(mount, SliderMount):
+            way = np.concatenate(
+                [self._column(part) for part in np.moveaxis(unit_direction(mount.direction), -1, 0)], axis=1
+            )
+            pull = pull + self._column(mount.preload) * way
+        else:
+            pull = pull + np.concatenate([self._column(part) for part in mount.preload], axis=1)  # type: ignore[union-attr]
+            way, off = pull / np.hypot(pull[:, :1], pull[:, 1:]), 0.0 * off
+        ahead = np.einsum("ki,ki->k", off, way)
+        chord = np.where(ahead == 0.0, 1.0, ahead / np.hypot(off[:, 0], off[:, 1])) if off.any() else np.ones(len(off))
+        tension = np.einsum("ki,ki->k", pull, way) / chord
+        own = 0.5 * links * self._column(chain.mass)[:, 0] * np.einsum("ki,ki->k", gravity, way)
+        stiffness = self._column(chain.mean_stiffness)[:, 0]
+        holes = 1 + self.model.sprockets[1 if s == 0 else s - 1].is_end
+        length = natural + ((links + holes) * tension + links * own) / stiffness
+        across = np.einsum("ki,ki->k", off, off) - ahead**2
+        side = np.where(ahead < 0.0, -1.0, 1.0)
+        moved = side * np.sqrt(np.maximum(length**2 - across, 0.0))
+        self.path.center[self.alike, s] = self.position[:, held] + off + (moved - ahead)[:, None] * way
+
+    def _column(self, value: Any) -> Array:
+        """A number, or an array (V,), as a column (K, 1) of these variants."""
+        return np.broadcast_to(np.asarray(self._own(value), dtype=np.float64), (len(self.position), 1))
+
     def strand(self, span: tuple[int, int, int], strain: Array, string: TautString | None) -> None:
         """Places the rollers of a strand between two seated rollers."""
         begin, end, links = span
@@ -278,6 +323,9 @@ def _seated_stack(model: ChainModel) -> tuple[ChainPath, Seating, Loop]:
     """Paths, seatings and sprocket loops of a stack, arms in balance with the seated chain."""
     if model.arms:
         return _seated_stack_with_arms(model)
+    weights = [s for s, sprocket in enumerate(model.sprockets) if sprocket.is_end and is_on_springs(sprocket)]
+    if len(weights) == 1:
+        model = _with_hanging_end(model, weights[0])
     path = chain_paths(model)
     check_fit(model, path)
     loop = Loop(model, path)
@@ -320,6 +368,33 @@ def _seated_stack_with_arms(model: ChainModel) -> tuple[ChainPath, Seating, Loop
         beyond = beyond - off / slope
         path = balance.path(beyond, columns_of_table(path.arm_angle))
     return path, seating, loop
+
+
+def _with_hanging_end(model: ChainModel, s: int) -> ChainModel:
+    """Model of an open chain whose only weight, on end s, is where it strains all strands by T / (k p)."""
+    for _ in range(_HANGS):
+        path, sprocket, mount = chain_paths(model), model.sprockets[s], model.sprockets[s].mount
+        k = 0 if s == 0 else s - 1
+        chord = (path.strand_end[:, k] - path.strand_start[:, k]) * (-1.0 if s == 0 else 1.0)
+        along = columns_of_table(chord / np.hypot(chord[:, :1], chord[:, 1:]))
+        preload = mount.preload if isinstance(mount, ElasticMount) else (0.0, 0.0)
+        pull = [moving_mass(sprocket) * g + f for g, f in zip(model.run.gravity, preload, strict=True)]
+        if isinstance(mount, SliderMount):
+            way = [of if of.ndim else float(of) for of in np.moveaxis(unit_direction(mount.direction), -1, 0)]
+            off = way[0] * along[0] + way[1] * along[1]
+            tension = (pull[0] * way[0] + pull[1] * way[1] + mount.preload) / off
+        else:
+            way, off = along, 1.0
+            tension = pull[0] * along[0] + pull[1] * along[1]
+        straight, wrapped = (columns_of_table(np.asarray(of)[:, None])[0] for of in (
+            path.strand_length.sum(axis=1), path.wrapped_pitches))  # fmt: skip
+        (pitch,) = columns_of_table(np.asarray(path.pitch)[:, None])
+        strain = maximum(tension, 0.0) / (model.chain.mean_stiffness * pitch)
+        moved = ((model.chain.links - wrapped) * pitch * (1.0 + strain) - straight) / off
+        (x, y), ends = sprocket.center, list(model.sprockets)
+        ends[s] = sprocket.model_copy(update={"center": (x + moved * way[0], y + moved * way[1])})
+        model = replace(model, sprockets=tuple(ends))
+    return model
 
 
 class _GuidedStrand:

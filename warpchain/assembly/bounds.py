@@ -30,7 +30,10 @@ def escape_distance(model: ChainModel, assembly: Assembly) -> NDArray[np.float64
 
     A strand of chord C with links longer by s in all lies within the ellipse about its ends of axis C + s: at most
     sqrt(s (2 C + s)) / 2 off its chord. s is the slack of all strands and the stretch of their links at `MAX_STRAIN`.
+    An open chain can go as far as it is long.
     """
+    if model.chain.is_open:
+        return np.broadcast_to(2.0 * model.chain.links * model.chain.pitch, np.shape(assembly.strain))
     chord = assembly.path.strand_end - assembly.path.strand_start
     chords = np.hypot(chord[..., 0], chord[..., 1])
     spare = chords.sum(axis=-1) * ((1.0 + MAX_STRAIN) / (1.0 + np.minimum(assembly.strain, 0.0)) - 1.0)

@@ -38,7 +38,7 @@ def layout_faults(model: ChainModel, path: ChainPath | None = None) -> tuple[str
         DriveError: a path that cannot be drawn.
     """
     path = chain_path(model) if path is None else path
-    strands = _strand_ends(path)
+    strands = _strand_ends(model, path)
     found = [
         _crossing_fault(model, path, k, m, place)
         for k, m in combinations(range(len(strands)), 2)
@@ -149,10 +149,10 @@ def _stop_fault(model: ChainModel, path: ChainPath, a: int) -> str | None:
     )
 
 
-def _strand_ends(path: ChainPath) -> list[Strand]:
+def _strand_ends(model: ChainModel, path: ChainPath) -> list[Strand]:
     """Ends of the straight strands [m], as plain numbers."""
     ends = zip(path.strand_start.tolist(), path.strand_end.tolist(), strict=True)
-    return [((x, y), (u, v)) for (x, y), (u, v) in ends]
+    return [((x, y), (u, v)) for (x, y), (u, v) in ends][: len(model.strand_names)]
 
 
 def strand_crossing(one: Strand, other: Strand) -> Point | None:
@@ -272,6 +272,8 @@ def _wrap_advice(model: ChainModel, path: ChainPath) -> list[str]:
     """Advice on small angles of wrap and few teeth in mesh."""
     lines = []
     for s, sprocket in enumerate(model.sprockets):
+        if sprocket.is_end:
+            continue
         wrap = math.degrees(float(path.wrap_angle[s]))
         mesh = sprocket.teeth * wrap / 360.0
         if sprocket.prescribed is not None or sprocket.load is not None or sprocket.shaft is not None:
@@ -328,7 +330,7 @@ def _bar_advice(model: ChainModel, path: ChainPath) -> list[str]:
 def _shoe_advice(model: ChainModel, path: ChainPath) -> list[str]:
     """Advice on curved and carried guides of a layout."""
     lines = []
-    strands = _strand_ends(path)
+    strands = _strand_ends(model, path)
     for g, guide in enumerate(model.guides):
         if guide.straight and guide.arm is None:
             continue

@@ -36,6 +36,7 @@ from warpchain.drive.stack_math import (
     rint,
     sqrt,
     table_of_columns,
+    where,
 )
 from warpchain.errors import DriveError
 from warpchain.model.mounts import initial_place
@@ -69,11 +70,13 @@ class ChainPath:
         radius: (S,) radii at which rollers ride [m]: pitch radii, or more for a worn chain.
         wrap_angle: (S,) wrapped angles [rad], in (0, 2 pi).
         arrival_angle: (S,) polar angles about sprocket centers at which the path arrives [rad].
-        turning: counter-clockwise angle of one round [rad]: +-2 pi for a plain loop, 0 for a crossed pair.
+        turning: counter-clockwise angle of one round [rad]: +-2 pi for a plain loop, 0 for a crossed pair; of an open
+            chain +-2 pi, the way it turns on the whole.
         center: (S, 2) centers of the sprockets [m].
         strand_start: (S, 2) where strand k leaves sprocket k [m].
         strand_end: (S, 2) where strand k reaches sprocket k + 1 [m].
-        strand_length: (S,) lengths as links measure them [m], on guides by chords (`TautString.chain_length`).
+        strand_length: (S,) lengths as links measure them [m], on guides by chords (`TautString.chain_length`); 0 of the
+            gap between an open chain's ends.
         wrapped_pitches: sum of wrapped angle over pitch angle.
         nominal_strain: strain of the strands' links; infinite where wrapped arcs alone take more links.
         strings: (S,) taut string around the guides that strand k touches; None for a straight strand.
@@ -198,12 +201,13 @@ class PathPlan:
     def __init__(self, model: ChainModel) -> None:
         sprockets = model.sprockets
         self.model, self.variants = model, variant_count(model)
-        pitch = np.atleast_2d(model.chain.pulled_lengths).mean(axis=-1)
+        pitch = np.atleast_2d(model.chain.pulled_lengths)[:, : model.chain.links].mean(axis=-1)
         self.pitch = pitch if len(pitch) > 1 else float(pitch[0])
         self.center = [initial_place(sprocket) for sprocket in sprockets]
         self.carrier = [model.carrier(s) for s in range(len(sprockets))]
         self.radius = [model.riding_radius(s) for s in range(len(sprockets))]
         self.sign = [float(sprocket.sign) for sprocket in sprockets]
+        self.strands = len(sprockets) - model.chain.is_open  # the gap of an open chain is none
         self.teeth = [float(sprocket.teeth) for sprocket in sprockets]
         _check_tips(model, self.radius)
         self.lines = self._lines(self.center)
@@ -252,7 +256,7 @@ class PathPlan:
             raise UnlikeVariants(np.where(which, np.arange(1, self.variants + 1), 0))
         if 1 < self.variants < FEW:
             raise UnlikeVariants(np.arange(self.variants))
-        return strand_obstacles(model, [(line.start, line.end) for line in self.lines])
+        return strand_obstacles(model, [(line.start, line.end) for line in self.lines[: self.strands]])
 
     def path_values(self, arm_angle: Sequence[Any]) -> PathValues:
         """Values of the chain path with arms at angles (A,) [rad].
@@ -275,6 +279,8 @@ class PathPlan:
         ]
         strings = tuple(self._string(k, runs) for k, runs in enumerate(met))
         for k, string in enumerate(strings):
+            if k == self.strands:
+                length[k] = 0.0 * length[k]
             if string is not None:
                 following = (k + 1) % len(strings)
                 leaving[k], arriving[following] = string.first, string.last
@@ -282,10 +288,12 @@ class PathPlan:
                 length[k] = string.chain_length(self.pitch)
         turned = zip(sign, leaving, arriving, strict=True)
         wrap = [w * (leave - arrive) % (2.0 * math.pi) for w, leave, arrive in turned]
+        if self.model.chain.is_open:
+            wrap[0], wrap[-1] = 0.0 * wrap[0], 0.0 * wrap[-1]
         _check_wraps(self.model, wrap, [2.0 * math.pi / z for z in self.teeth])
-        _check_clear(self, start, length, [k for k in strands if strings[k] is None])
+        _check_clear(self, start, length, [k for k in strands[: self.strands] if strings[k] is None])
         wrapped = pairwise_sum([angle * z for angle, z in zip(wrap, self.teeth, strict=True)]) / (2.0 * math.pi)
-        strain = _nominal_strain(self.model.chain.links, wrapped, pairwise_sum(length) / self.pitch)
+        strain = _nominal_strain(self.model.chain.links, wrapped, pairwise_sum(length[: self.strands]) / self.pitch)
         return PathValues(
             self.pitch, self.center, wrap, arriving, start, end, length, wrapped, strain, strings, tuple(met)
         )
@@ -297,8 +305,8 @@ class PathPlan:
             DriveError, UnlikeVariants: as `path_values`.
         """
         course, variants = self.path_values(arm_angle), self.variants
-        turned = pairwise_sum([w * angle for w, angle in zip(self.sign, course.wrap, strict=True)])
-        turns = rint(turned / (2.0 * math.pi))
+        turned = pairwise_sum([w * angle for w, angle in zip(self.sign, course.wrap, strict=True)]) / (2.0 * math.pi)
+        turns = where(turned < 0.0, -1.0, 1.0) if self.model.chain.is_open else rint(turned)
         arrival = [angle - w * (0.5 * math.pi) for angle, w in zip(course.arriving, self.sign, strict=True)]
         own = course.pitch, 2.0 * math.pi * turns, course.wrapped_pitches, course.nominal_strain
         pitch, turning, wrapped, strain = (np.broadcast_to(value, variants) for value in own)
@@ -430,6 +438,8 @@ def _first_variant(condition: Any) -> int | None:
 def _check_tips(model: ChainModel, radius: Sequence[Any]) -> None:
     """Raises a DriveError where links are so long that rollers ride over a sprocket's tips."""
     for s, sprocket in enumerate(model.sprockets):
+        if sprocket.is_end:
+            continue
         tips = model.tip_radius(s)
         v = _first_variant(radius[s] > tips)
         if v is not None:
@@ -460,6 +470,8 @@ def _check_apart(model: ChainModel, center: Sequence[Pair], radius: Sequence[Any
 def _check_wraps(model: ChainModel, wrap: Sequence[Any], pitch_angle: Sequence[float]) -> None:
     """Raises a DriveError where a sprocket has no wrap, or more than a turn less a pitch."""
     for s, sprocket in enumerate(model.sprockets):
+        if sprocket.is_end:
+            continue
         v = _first_variant((wrap[s] < _NO_WRAP) | (wrap[s] > 2.0 * math.pi - pitch_angle[s]))
         if v is not None:
             degrees = math.degrees(_variant_number(wrap[s], v))

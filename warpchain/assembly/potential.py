@@ -156,7 +156,7 @@ class Potential:
         held: Sequence[bool] | None = None,
     ) -> None:
         chain, sprockets = model.chain, model.sprockets
-        self.model, self.rollers, self.sprockets = model, chain.links, len(sprockets)
+        self.model, self.rollers, self.sprockets = model, chain.rollers, len(sprockets)
         self.turning = self.sprockets + len(model.shafts)
         self.arms = [RestingArm(model, a) for a in range(len(model.arms))]
         self.first_arm = 2 * self.rollers + 2 * self.sprockets + self.turning
@@ -196,10 +196,11 @@ class Potential:
     def _stiffness_and_play(self) -> tuple[Array, Array]:
         """Stiffnesses [N/m] and plays [m] of the links (N,)."""
         chain = self.model.chain
-        stiffness = np.full(chain.links, chain.stiffness)
+        stiffness = np.full(chain.rollers, chain.stiffness)
         if chain.varied_links:
             stiffness[0::2] = chain.outer_stiffness
-        return stiffness, np.full(chain.links, chain.link_play if chain.varied_links else 0.0)
+        stiffness[chain.links :] = 0.0  # the absent link of an open chain
+        return stiffness, np.full(chain.rollers, chain.link_play if chain.varied_links else 0.0)
 
     def split(self, x: Array) -> tuple[Array, Array, Array]:
         """Rollers (N, 2), centers (S, 2) and angles (S + H,), as views of x."""
@@ -338,11 +339,12 @@ class Potential:
         length = np.hypot(d[:, 0], d[:, 1])
         u = d / length[:, None]
         energy, tension, stiffness = self.link_springs(length)
-        terms.energy += float(np.sum(energy - 0.5 * self.push * length**2))
-        force = tension - self.push * length
+        push = np.where(np.arange(n) < self.model.chain.links, self.push, 0.0)
+        terms.energy += float(np.sum(energy - 0.5 * push * length**2))
+        force = tension - push * length
         pull = force[:, None] * u
         terms.gradient[: 2 * n] += (np.roll(pull, 1, axis=0) - pull).ravel()
-        block = _along_across(u, stiffness - self.push, force / length)
+        block = _along_across(u, stiffness - push, force / length)
         i = np.arange(n)
         j = (i + 1) % n
         where = np.stack([2 * i, 2 * i + 1, 2 * j, 2 * j + 1], axis=1)
@@ -356,6 +358,9 @@ class Potential:
         distance = np.hypot(rho[:, 0], rho[:, 1])
         roller_radius, pitch = self.model.chain.roller_radius, self.model.chain.pitch
         near = np.flatnonzero((distance < tooth.tip_radius + roller_radius) & (distance > radius - pitch))
+        exponent = self.model.contact.sprocket.exponent
+        if self.model.sprockets[s].is_end:
+            near, exponent = np.array([0 if s == 0 else self.rollers - 1]), 1.0
         rho = rho[near]
         angle = 2.0 * math.pi / self.model.sprockets[s].teeth
         polar = angles[s] + angle * np.rint((np.arctan2(rho[:, 1], rho[:, 0]) - angles[s]) / angle)
@@ -368,7 +373,7 @@ class Potential:
             return
         near, rho, e, pen, bend = near[hit], rho[hit], e[hit], pen[hit], bend[hit]
         normal = along[hit, None] * e + across[hit, None] * np.stack([-e[:, 1], e[:, 0]], axis=1)
-        force, block = _add_contact_energy(terms, pen, normal, bend, stiffness, self.model.contact.sprocket.exponent)
+        force, block = _add_contact_energy(terms, pen, normal, bend, stiffness, exponent)
         base, center = 2 * self.rollers, np.full(len(near), 2 * (self.rollers + s))
         angle_at = np.full(len(near), base + 2 * self.sprockets + s)
         at = np.stack([2 * near, 2 * near + 1, center, center + 1, angle_at], axis=1)

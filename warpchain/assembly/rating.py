@@ -45,7 +45,7 @@ def smallest_driven(model: ChainModel) -> int:
 
 
 def rating_values(model: ChainModel, strands: Strands, speed: float) -> dict[str, Any] | None:
-    """Rated power, life and lubrication of a chain by name, in SI units; None without a rating or at rest.
+    """Rated power, life and lubrication of a chain by name, in SI units; None without a rating, at rest or where open.
 
     Args:
         strands: each with its "working_tension" [N].
@@ -53,7 +53,7 @@ def rating_values(model: ChainModel, strands: Strands, speed: float) -> dict[str
     """
     chain, small = model.chain, smallest_driven(model)
     standard = size_rating(chain.size)
-    if standard is None or chain.size is None or speed == 0.0:
+    if standard is None or chain.size is None or speed == 0.0 or chain.is_open:
         return None
     tensions = [strand["working_tension"] for strand in strands]
     teeth, power = model.sprockets[small].teeth, (max(tensions) - min(tensions)) * abs(speed)
@@ -109,8 +109,11 @@ def critical_speeds(model: ChainModel, path: ChainPath, strands: Strands, speed:
 
     Returns:
         "transverse", "longitudinal" and "torsional", where present, each with "strand" ("" for all), "frequency" [Hz],
-        "teeth_speed" and "revolution_speed" [rad/s]; of the strand with the speed nearest to that at work.
+        "teeth_speed" and "revolution_speed" [rad/s]; of the strand with the speed nearest to that at work. Nothing
+        where no sprocket drives.
     """
+    if model.sprockets[model.driver].is_end:
+        return {}
     chain, teeth = model.chain, model.sprockets[model.driver].teeth
 
     def critical(strand: str, frequency: float, revolution: float) -> dict[str, Any]:

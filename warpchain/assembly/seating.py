@@ -10,6 +10,9 @@ with l_k the unloaded length of its n_k links, determines the strain and all a_s
 arrives, or `run.phase` teeth further on), by Newton's method. In a slack chain a strand of one link keeps its length.
 Rollers that ride above their seats with longer outer links lean by `Drive.riding_lean`, back and forth.
 
+An open chain has a sprocket of one seat and no radius at each end, and (a) of its strands but not of the gap between
+the ends; the angle of its driver is one of the unknowns.
+
 Counts come from the path in pitches from the driver's arrival: a roller at i pitches, or `run.phase` more, is seated
 within half a pitch of the arc. Where solved angles leave that range a seat is added or given back, and (a) is solved
 again. On guides the taut string's length stands in (a) for the distance, corrected by what its links, laid as chords,
@@ -171,7 +174,8 @@ class Loop:
         self.variants = self.whole = len(path.radius)
         self.members: Places = np.arange(self.whole)
         self.size = len(model.sprockets)
-        self.driver = model.driver
+        self.open = model.chain.is_open
+        self.driver = 0 if self.open else model.driver  # from whose first seat the others are counted
         self.names = [sprocket.name for sprocket in model.sprockets]
         self.teeth = [sprocket.teeth for sprocket in model.sprockets]
         self.pitch_angle = [2.0 * math.pi / teeth for teeth in self.teeth]
@@ -243,7 +247,7 @@ class Loop:
         )
         (strain,) = columns_of_table(np.asarray(path.nominal_strain)[:, None])
         link = self.pitch * (1.0 + strain)
-        position: Any = 0.0 - (0.0 if model.run.phase is None else model.run.phase)
+        position: Any = 0.0 - (0.0 if model.run.phase is None or self.open else model.run.phase)
         if self.variants > 1:
             position = np.broadcast_to(position, self.variants)
         begin = ceil(position - 0.5 - _TIE)
@@ -259,7 +263,7 @@ class Loop:
             previous = floor(position + 0.5 + _TIE)
             seats[s] = previous - first + 1
             position = position + length[s] / link
-        links[self.driver - 1] = model.chain.links + begin - previous
+        links[self.driver - 1] = model.chain.rollers + begin - previous
         self._check_counts(seats, links, path)
         return Seating(angles, seats, links, strain)
 
@@ -465,6 +469,9 @@ class Loop:
             jacobian[:, k, k] = -self.radius[k] * (y * cl - x * sl)
             jacobian[:, k, self.driver] = -elastic[k]
             residual.append(strand.length - lengths[k] - elastic[k] * seating.strain)
+        if self.open:  # the gap between the ends closes by itself, and the angle of the last end is its own
+            jacobian[:, -1] = 0.0
+            jacobian[:, -1, -1], residual[-1] = 1.0, 0.0 * residual[-1]
         return residual, jacobian
 
     def adjust_seats(self, seating: Seating) -> Any:

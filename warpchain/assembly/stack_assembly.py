@@ -29,11 +29,11 @@ from warpchain.model.trains import has_trains
 Places = NDArray[np.int64]
 
 PULLING_CHAIN_KEYS = "stiffness", "roller_mass", "mass_per_length"
-"""Keys of a chain that pull an arm or make its stops stiff."""
+"""Keys of a chain that pull an arm or an end, or make an arm's stops stiff."""
 LAYOUT_FREE_KEYS = frozenset(("inertia", "load", "bearing"))
 """Keys of a sprocket that its layout does not depend on."""
 WEIGHT_KEYS = frozenset(("mass", "balance_wheel"))
-"""Keys of a sprocket that only weigh on an arm."""
+"""Keys of a sprocket that only weigh on an arm or an end."""
 
 
 @dataclass(frozen=True)
@@ -161,12 +161,13 @@ def _layout_values(model: ChainModel) -> dict[str, Any]:
         return {name: getattr(part, name) for name in names}
 
     lengths: tuple[str, ...] = "pitch", "links", "elongation", "worn_links", "play", "roller_radius"
-    if model.arms:
+    pulls = model.arms or model.chain.is_open  # on arms, or on weights at its ends
+    if pulls:
         lengths = (*lengths, *PULLING_CHAIN_KEYS)
     outer = model.chain.outer
     if outer is not None:
-        outer = outer.model_copy(update={"damping": None} if model.arms else {"damping": None, "stiffness": None})
-    beside = LAYOUT_FREE_KEYS if model.arms else LAYOUT_FREE_KEYS | WEIGHT_KEYS
+        outer = outer.model_copy(update={"damping": None} if pulls else {"damping": None, "stiffness": None})
+    beside = LAYOUT_FREE_KEYS if pulls else LAYOUT_FREE_KEYS | WEIGHT_KEYS
     return {
         "chain": fields_of(model.chain, *lengths) | {"outer": outer},
         "sprockets": [

@@ -100,7 +100,7 @@ def load_moments(model: ChainModel, speed: float | Array) -> Array:
 def running(
     model: ChainModel, assembly: Assembly | None = None, speed: float | None = None, moments: Array | None = None
 ) -> Steady:
-    """Steady state at the driver's top speed under load; takes some tenths of a second.
+    """Steady state at the driver's top speed under load, of an open chain at rest; takes some tenths of a second.
 
     Args:
         assembly: its own, if known.
@@ -110,10 +110,10 @@ def running(
     Raises:
         DriveError: a chain that does not fit.
     """
-    driver, top = model.sprockets[model.driver], model.driver_speed
+    driver, top = model.sprockets[model.driver], 0.0 if model.chain.is_open else model.driver_speed
     frequency = top * driver.teeth / math.tau
     assembly = assembly or assemble_chain(model)
-    for sprocket in model.sprockets:
+    for sprocket in () if model.chain.is_open else model.sprockets:
         own = frequency if sprocket.prescribed is None else sprocket.prescribed.top_speed * sprocket.teeth / math.tau
         if abs(own - frequency) > _SAME * frequency:
             words = f'"{driver.name}" and "{sprocket.name}" lead the chain at unlike speeds'
@@ -146,13 +146,13 @@ def _unknown_state(model: ChainModel, assembly: Assembly, frequency: float, fail
 
 def _steady_state(model: ChainModel, assembly: Assembly, frequency: float, moments: Array) -> Steady:
     """Steady state of a drive, averaged over a tooth pitch."""
-    if model.chain.links > MOST:
+    if model.chain.rollers > MOST:
         return _unknown_state(model, assembly, frequency, f"not sought for a chain of more than {MOST} links")
     potential = Potential(model, frequency, moments, laid=assembly.sprocket_angle)
     solver, x = _Solver([potential], [assembly]), _assembled_coordinates(potential, assembly)
     means: list[tuple[Array, ...]] = []
     failure = None
-    for phase in range(PHASES):
+    for phase in range(1 if model.chain.is_open else PHASES):
         if phase:
             x, residual = solver.settle(_advanced_guess(potential, x, 1.0 / PHASES))
         else:
@@ -218,7 +218,7 @@ def equilibrium(
             moments[[b for b, of in enumerate(model.shafts, len(laid)) if isinstance(of, SprocketShaft)]] = 0.0
         held = _held_angles(model) if shafts else None
         potentials.append(Potential(model, passing_rate(model, speed), moments, hanging=True, laid=laid, held=held))
-        if (potentials[-1].push >= 0.1 * potentials[-1].stiffness).any():
+        if (potentials[-1].push >= 0.1 * potentials[-1].stiffness[: model.chain.links]).any():
             raise SimulationError(f"speed = {speed:g}: at this speed the chain would lengthen by a tenth")
     solver = _Solver(potentials, assemblies, shafts)
     found, residual = (
@@ -275,8 +275,8 @@ def _strand_values(potential: Potential, assembly: Assembly, x: Array) -> tuple[
     r, _, _ = potential.split(x)
     tension, path = potential.tensions(x), assembly.path
     ends = np.roll(r, -1, axis=0)
-    found, off = np.empty(potential.sprockets), np.empty(potential.sprockets)
-    for k in range(potential.sprockets):
+    found, off = np.zeros(potential.sprockets), np.zeros(potential.sprockets)
+    for k in range(potential.sprockets - potential.model.chain.is_open):
         straight = path.strings[k] is None
         length = float(path.strand_length[k] if straight else math.dist(path.strand_start[k], path.strand_end[k]))
         u = (path.strand_end[k] - path.strand_start[k]) / length

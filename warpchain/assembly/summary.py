@@ -149,7 +149,9 @@ def _derive_chain(model: ChainModel, assembly: Assembly, passed: RunUp, step_adv
             }
             for s in range(count)
         ],
-        "standing_preload": float(np.average([k["standing_tension"] for k in strands], weights=assembly.strand_links)),
+        "standing_preload": float(
+            np.average([k["standing_tension"] for k in strands], weights=assembly.strand_links[: len(strands)])
+        ),
         "strands": strands,
         "tensions_estimated": resting.failure or running.failure,
         "law": model.contact.sprocket.law,
@@ -430,6 +432,7 @@ def _sprocket_lines(values: dict[str, Any]) -> list[str]:
                 f"{s['contact_stiffness']:.4g} N/m^n",
             )
             for s in values["sprockets"]
+            if s["teeth"] > 1
         ],
     )
     rubs = f", friction {values['friction']:g}" if values["friction"] else ""

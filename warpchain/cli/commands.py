@@ -337,10 +337,13 @@ def _run_summary(drive: Any, row: dict[str, Any], seconds: float) -> list[str]:
     for sprocket in drive.sprockets:
         name = sprocket.name
         moment, force = quantity_words(row[f"{name}.moment_mean"], "N m"), quantity_words(row[f"{name}.force_max"], "N")
-        lines.append(
-            f"{name}: speed {row[f'{name}.speed_mean']:.4g} rad/s, moment {moment}, largest contact force {force}, "
-            f"{row[f'{name}.contacts']} rollers engaged"
-        )
+        if sprocket.is_end:
+            lines.append(f"{name}: end of the chain, largest force {force}")
+        else:
+            lines.append(
+                f"{name}: speed {row[f'{name}.speed_mean']:.4g} rad/s, moment {moment}, largest contact force {force}, "
+                f"{row[f'{name}.contacts']} rollers engaged"
+            )
         if row.get(f"{name}.travel_max") is not None:
             lines.append(
                 f"{name}: center up to {quantity_words(row[f'{name}.travel_max'], 'm')} from its place, "

@@ -5,11 +5,11 @@ Bodies are numbered: the S sprockets, then the H shafts.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from fractions import Fraction
 from typing import Any, NamedTuple
 
 from warpchain.drive.schema import Part, are_numbers, node_list, node_value
+from warpchain.drive.sprocket import END_TEETH
 
 DRIVING_KEYS = ("prescribed", "motor", "initial_speed")
 """Keys that make a body drive, the strongest first."""
@@ -134,7 +134,7 @@ def ratios_with_chains(
     found = TiedRatios(count + len(chains))
     for s, sprocket in enumerate(node_list(drive, "sprockets")):
         teeth, chain = node_value(sprocket, "teeth"), node_value(sprocket, "chain") if chains[0] is not None else None
-        if isinstance(teeth, int) and not isinstance(teeth, bool) and teeth > 0 and chain in chains:
+        if isinstance(teeth, int) and not isinstance(teeth, bool) and teeth > END_TEETH and chain in chains:
             turns = Fraction(-1 if node_value(sprocket, "wrap") == "cw" else 1, teeth)
             found.tie(count + chains.index(chain), s, turns)
     for tie in body_ties(drive):
@@ -152,13 +152,15 @@ def part_of_body(drive: Any, b: int) -> Any:
 
 
 def driving_body(drive: Any) -> int:
-    """Number of the driving body: the first prescribed, else with a motor, else started, else loaded.
+    """Number of the driving body: the first prescribed, else with a motor, else started, else loaded, else the first.
 
-    Bodies tied to a chain come first.
+    Bodies tied to a chain come first; ends of chains drive only where nothing else does.
     """
-    parts: Sequence[Any] = (*drive.sprockets, *drive.shafts)
+    parts = [
+        (b, part) for b, part in enumerate((*drive.sprockets, *drive.shafts)) if not getattr(part, "is_end", False)
+    ]
     keys = (*DRIVING_KEYS, "load")
-    driving = [b for key in keys for b, part in enumerate(parts) if getattr(part, key, None) is not None]
+    driving = [b for key in keys for b, part in parts if getattr(part, key, None) is not None]
     return next((b for b in driving if nearest_sprocket(drive, b) is not None), (driving or [0])[0])
 
 

@@ -37,6 +37,7 @@ if TYPE_CHECKING:
 Links = Annotated[int, Field(strict=True, ge=3), Value("must be an integer of at least 3")]
 LinkIndex = Annotated[int, Field(strict=True, ge=0), Value("must be an integer of at least 0")]
 Every = Annotated[int, Field(strict=True, ge=1), Value("must be an integer of at least 1")]
+Ends = Annotated[tuple[Name, Name], Allowed("must be a list of the names of two sprockets without teeth")]
 Elongation = Annotated[float, Field(strict=True, ge=-0.05, le=0.1), Value("must be a number from -0.05 to 0.1")]
 
 MOST_LINKS = 1_000_000
@@ -158,7 +159,8 @@ class Chain(Part):
     Attributes:
         size: size of the catalogue, which fills pitch, roller_radius and mass.
         pitch: unloaded length of a link [m].
-        links: number of links, and of rollers.
+        links: number of links, and of a loop's rollers.
+        ends: names of the two sprockets without teeth that hold an open chain; None is a loop.
         roller_mass: mass of one pitch of chain [kg]; this or mass_per_length.
         mass_per_length: mass of one meter of chain [kg/m].
         stiffness: stiffness of one link [N/m]; "estimate" is the catalogue's for the size.
@@ -176,6 +178,7 @@ class Chain(Part):
     size: Size | None = None
     pitch: Positive
     links: Links
+    ends: Ends | None = None
     roller_mass: Positive | None = None
     mass_per_length: Positive | None = None
     stiffness: Stiffness
@@ -201,6 +204,16 @@ class Chain(Part):
     _judged: ClassVar[frozenset[str]] = frozenset(
         {"links", "pitch", "roller_radius", "play", "worn_links", "attachments"}
     )
+
+    @property
+    def is_open(self) -> bool:
+        """Whether the chain has ends, between which a link is absent."""
+        return self.ends is not None
+
+    @property
+    def rollers(self) -> int:
+        """Number of rollers, N: one for each link, one more of an open chain."""
+        return self.links + self.is_open
 
     @property
     def bare_mass(self) -> float:
@@ -237,12 +250,12 @@ class Chain(Part):
 
         columns: tuple[Any, ...] = self.bare_mass, *(of.mass for of in self.attachments)
         variants = next((len(column) for column in columns if has_arrays(column)), None)
-        added = np.zeros(self.links if variants is None else (variants, self.links))
+        added = np.zeros(self.rollers if variants is None else (variants, self.rollers))
         rows = added.T
         for of in self.attachments:
             at = of.bearing_links(self.links)
             rows[at] += 0.5 * of.mass
-            rows[(at + 1) % self.links] += 0.5 * of.mass
+            rows[(at + 1) % self.rollers] += 0.5 * of.mass
         return with_last_axis(self.bare_mass) + added
 
     @property
@@ -312,14 +325,14 @@ class Chain(Part):
 
     @property
     def link_lengths(self) -> NDArray[np.float64]:
-        """Unloaded lengths of links [m], (N,) or (V, N)."""
+        """Unloaded lengths of links [m], (N,) or (V, N); the last of an open chain is absent."""
         import numpy as np
 
         inner, outer = self.pitch * (1.0 + self.elongation), self.outer_pitch
         links: Any = self.worn_links[0].link if self.worn_links else 0  # of a stack, arrays of all worn ones or of none
         columns: tuple[Any, ...] = inner, outer, links
         variants = next((len(column) for column in columns if has_arrays(column)), None)
-        lengths = np.empty(self.links if variants is None else (variants, self.links))
+        lengths = np.empty(self.rollers if variants is None else (variants, self.rollers))
         rows, own = lengths.T, np.arange(len(links)) if has_arrays(links) else None
         rows[:] = inner
         if self.outer is not None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
 from warpchain.drive.catalogue import CHAINS, STEEL, CatalogueChain
@@ -65,7 +65,7 @@ def default_values(values: Any) -> dict[Path, Any]:
     if not isinstance(values, Mapping):
         return {}
     chains = node_list(values, "chains") or [node_value(values, "chain")]
-    found = dict(_chain_values(values, len(chains) == 1))
+    found = dict(_end_values(values, chains)) | dict(_chain_values(values, len(chains) == 1))
     found |= dict(_contact_values(values, chains[0]))
     return found | dict(_run_values(values, chains[0], found))
 
@@ -121,12 +121,15 @@ def _chain_values(values: Mapping[str, Any], alone: bool) -> Values:
         return
     at = _centers(sprockets)
     senses = ["ccw"] * len(sprockets) if at is None else wrap_senses(at)
+    ends = node_list(chain, "ends")
     for s, sprocket in enumerate(sprockets):
         if node_value(sprocket, "name") is None:
             yield ("sprockets", s, "name"), f"sprocket {s + 1}"
         if node_value(sprocket, "wrap") is None:
             yield ("sprockets", s, "wrap"), senses[s]
         teeth = node_value(sprocket, "teeth")
+        if node_value(sprocket, "name") in ends:
+            continue
         if all(node_value(sprocket, key) is None for key in ("inertia", "prescribed", "shaft")):
             radius = 0.5 * pitch / math.sin(math.pi / teeth) if are_numbers(teeth) and teeth > 2 else pitch
             yield (
@@ -134,9 +137,20 @@ def _chain_values(values: Mapping[str, Any], alone: bool) -> Values:
                 disk_mass_and_inertia(radius, TOOTH_WIDTH * size.inner_width * size.strands)[1],
             )
     bent = any(node_list(values, kind) for kind in ("guides", "arms", "tensioners"))
-    if node_value(chain, "links") is None and not bent:
+    if node_value(chain, "links") is None and not bent and not ends:
         turned = [node_value(one, "wrap") or sense for one, sense in zip(sprockets, senses, strict=True)]
         yield ("chain", "links"), _even_links(sprockets, turned, pitch) or UNKNOWN_LINKS
+
+
+def _end_values(values: Mapping[str, Any], chains: Sequence[Any]) -> Values:
+    """Defaults of the ends of open chains: not turning, unless with a shaft."""
+    ends = [name for chain in chains for name in node_list(chain, "ends")]
+    for s, sprocket in enumerate(node_list(values, "sprockets") if ends else ()):
+        if isinstance(sprocket, Mapping) and node_value(sprocket, "name") in ends:
+            if node_value(sprocket, "wrap") is None:
+                yield ("sprockets", s, "wrap"), "ccw"
+            if node_value(sprocket, "prescribed") is None and node_value(sprocket, "shaft") is None:
+                yield ("sprockets", s, "prescribed"), {"speed": 0.0}
 
 
 def _centers(sprockets: Any) -> list[tuple[float, float]] | None:

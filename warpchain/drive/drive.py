@@ -42,7 +42,7 @@ from warpchain.drive.paths import changed_part, settable_paths, value_at_path
 from warpchain.drive.run_settings import Probe, RunSettings
 from warpchain.drive.schema import Allowed, Part, Problem, Rule, node_list, node_value
 from warpchain.drive.shafts import Coupling, Gear, Shaft
-from warpchain.drive.sprocket import Sprocket, strand_names
+from warpchain.drive.sprocket import END_TEETH, Sprocket, strand_names
 from warpchain.drive.sprocket_teeth import is_catching, pitch_radius, sprocket_tooth
 from warpchain.drive.tensioners import Tensioner
 from warpchain.drive.thermal import (
@@ -213,8 +213,8 @@ class Drive(Part):
 
     @property
     def links(self) -> int:
-        """Number of links of all chains."""
-        return sum(chain.links for chain in self.each_chain)
+        """Number of links of all chains, and of their rollers; open chains' absent links count."""
+        return sum(chain.rollers for chain in self.each_chain)
 
     @property
     def each_chain(self) -> tuple[Chain, ...]:
@@ -306,7 +306,7 @@ class Drive(Part):
             del drive.__dict__["chain"]
         drive.apply_temperature()
         for chain in drive.each_chain:
-            if chain.links % 2:
+            if chain.links % 2 and not chain.is_open:
                 of = f"chains.{chain.name}" if isinstance(chain, NamedChain) else "chain"
                 warn_caller(f"{of}.links = {chain.links}: an odd number needs an offset link")
         for arm in drive.arms:
@@ -415,6 +415,9 @@ def dumps_drive(drive: Drive) -> str:
 def drive_values(drive: Drive) -> dict[str, Any]:
     """Values of a drive, with defaults, as nested tables and lists."""
     values: dict[str, Any] = _values_without_empty_lists(drive.as_read.model_dump(exclude_none=True))
+    for sprocket in values["sprockets"]:
+        if sprocket["teeth"] == END_TEETH:
+            del sprocket["teeth"]
     return values
 
 

@@ -24,6 +24,7 @@ from warpchain.drive.parts_by_chain import chain_of_part
 from warpchain.drive.schema import (
     BARE,
     Problem,
+    allowed_text,
     are_numbers,
     is_name,
     nearest_key_text,
@@ -33,15 +34,16 @@ from warpchain.drive.schema import (
     valid_part,
 )
 from warpchain.drive.shafts import FIXED
-from warpchain.drive.sprocket import SliderMount, Sprocket
+from warpchain.drive.sprocket import END_TEETH, SliderMount, Sprocket
 from warpchain.drive.stiffness import largest_load
 from warpchain.drive.tensioners import Tensioner
 from warpchain.drive.tooth_shape import iso606_tooth
 
 
 def sprocket_rules(drive: Any) -> Iterator[Problem]:
-    """Problems of too few sprockets, and of undriven drives."""
+    """Problems of too few sprockets, of ends and teeth, and of undriven drives."""
     sprockets = node_list(drive, "sprockets")
+    yield from _end_rules(drive, sprockets)
     if node_value(drive, "sprockets") is not None and len(sprockets) < 2:
         yield Problem(("sprockets",), node_value(drive, "sprockets"), "must be a list of at least 2 sprockets")
     shafts = node_list(drive, "shafts")
@@ -51,6 +53,38 @@ def sprocket_rules(drive: Any) -> Iterator[Problem]:
     if sprockets and not moved and all(node_value(sprocket, "prescribed") is None for sprocket in sprockets):
         text = "at least one sprocket must be" + (", or a shaft, or have a motor or an initial_speed" if shafts else "")
         yield Problem(("sprockets",), None, f"none is prescribed; {text}", BARE)
+
+
+ON_TEETH = ("teeth", "pitch", "tooth", "key", "bearing", "load", "balance_wheel", "shaft")
+"""Keys of sprockets that a chain's end has not."""
+
+
+def _end_rules(drive: Any, sprockets: Sequence[Any]) -> Iterator[Problem]:
+    """Problems of the ends of open chains, and of sprockets without teeth that are none."""
+    chains = enumerate(node_list(drive, "chains"))
+    several: list[tuple[tuple[str | int, ...], Any]] = [(("chains", c), chain) for c, chain in chains]
+    ends: set[Any] = set()
+    for path, chain in several or [(("chain",), node_value(drive, "chain"))]:
+        named = node_list(chain, "ends")
+        around = [of for of in sprockets if not several or node_value(of, "chain") == node_value(chain, "name")]
+        names = [node_value(of, "name") for of in around]
+        ends.update(name for name in named if isinstance(name, str))
+        if len(named) == 2 and (names[:1], names[-1:]) != ([named[0]], [named[1]]):
+            text = "must be the names of the first and the last of the chain's sprockets, in the order of its travel"
+            yield Problem((*path, "ends"), list(named), text)
+    for s, sprocket in enumerate(sprockets):
+        if node_value(sprocket, "name") not in ends:
+            if node_value(sprocket, "teeth") is None or (isinstance(sprocket, Sprocket) and sprocket.is_end):
+                yield Problem(("sprockets", s, "teeth"), None, f"missing; {allowed_text(Sprocket, 'teeth')}", BARE)
+            continue
+        for key in ON_TEETH:
+            value = node_value(sprocket, key)
+            if value is not None and (key, value) != ("teeth", END_TEETH):
+                yield Problem(
+                    ("sprockets", s, key),
+                    value if are_numbers(value) else None,
+                    "not of an end of a chain, which has no teeth",
+                )
 
 
 def shaft_rules(drive: Any) -> Iterator[Problem]:

@@ -25,7 +25,7 @@ class RunSettings(Part):
         settle: find static equilibrium before the first step.
         start: the run is a start; limits for steady running do not judge it.
         duration: simulated time [s].
-        step: time step [s]; or "auto".
+        step: time step [s], at most the duration; or "auto".
         integrator: "leapfrog" or "rk4".
         sample_rate: samples of trajectories a second [Hz].
         gravity: acceleration of gravity [m/s^2].

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
+from itertools import pairwise
 from typing import Annotated, Any, ClassVar, Literal
 
 from pydantic import Field
@@ -28,6 +29,8 @@ from warpchain.drive.schema import (
     node_value,
 )
 
+END_TEETH = 1
+"""Number of seats of a chain's end, a sprocket without teeth."""
 Teeth = Annotated[int, Field(strict=True, ge=5), Value("must be an integer of at least 5")]
 Wrap = Annotated[Literal["ccw", "cw"], Value('must be "ccw" or "cw"')]
 MOST_TEETH = 1_000_000
@@ -196,6 +199,14 @@ class SliderMount(Part):
     preload: Finite = 0.0
 
 
+class FreeMount(ElasticMount):
+    """A center that nothing holds: a weight on a chain's end, free to swing."""
+
+    kind: Literal["free"]  # type: ignore[assignment]
+    stiffness: NonNegativePair = (0.0, 0.0)
+    damping: NonNegativePair = (0.0, 0.0)
+
+
 class ArmMount(Part):
     """A sprocket's center on an arm, with which it turns about the pivot.
 
@@ -208,9 +219,9 @@ class ArmMount(Part):
 
 
 Mount = Annotated[
-    FixedMount | PrescribedMount | ElasticMount | SliderMount | ArmMount,
+    FixedMount | PrescribedMount | ElasticMount | FreeMount | SliderMount | ArmMount,
     Field(discriminator="kind"),
-    Allowed('must be "fixed", "prescribed", "elastic", "slider" or "arm"'),
+    Allowed('must be "fixed", "prescribed", "elastic", "free", "slider" or "arm"'),
 ]
 
 
@@ -260,7 +271,7 @@ class Sprocket(Part):
     Attributes:
         name: unique among all parts.
         chain: its chain, where there are several.
-        teeth: number of teeth, z.
+        teeth: number of teeth, z; an end of an open chain has none.
         center: its center [m].
         wrap: "ccw" if the chain turns counter-clockwise around it.
         pitch: pitch of its teeth, where worn [m]; None is the chain's.
@@ -277,7 +288,7 @@ class Sprocket(Part):
     """
 
     name: Name
-    teeth: Teeth
+    teeth: Teeth = END_TEETH
     center: Pair
     wrap: Wrap
     chain: Name | None = None
@@ -302,13 +313,26 @@ class Sprocket(Part):
         return 1 if self.wrap == "ccw" else -1
 
     @classmethod
+    def _complete_values(cls, values: Any) -> Any:
+        """A sprocket's values; of a changed copy of an end, whose motion is a part, without its number of teeth."""
+        if not isinstance(values, Mapping) or values.get("teeth") != END_TEETH:
+            return values
+        copied = isinstance(values.get("prescribed"), Part)
+        return {key: value for key, value in values.items() if key != "teeth"} if copied else values
+
+    @property
+    def is_end(self) -> bool:
+        """Whether it has no teeth but holds an end of an open chain."""
+        return self.teeth == END_TEETH
+
+    @classmethod
     def _rules(cls, node: Any) -> Iterable[Problem]:
         positive = allowed_text(cls, "mass")
         yield from at_most_rule(node, "teeth", MOST_TEETH)
         if all(node_value(node, key) is None for key in ("inertia", "prescribed", "shaft")):
             yield Problem(("inertia",), None, f"missing; {positive}; needed unless the sprocket is prescribed", BARE)
         kind = node_value(node_value(node, "mount"), "kind")
-        if kind in ("elastic", "slider", "arm") and node_value(node, "mass") is None:
+        if kind in ("elastic", "free", "slider", "arm") and node_value(node, "mass") is None:
             yield Problem(("mass",), None, f'missing; {positive}; needed with mount kind "{kind}"', BARE)
         if kind == "arm" and node_value(node, "balance_wheel") is not None:
             yield Problem(("balance_wheel",), None, 'not together with mount kind "arm"', BARE)
@@ -317,6 +341,8 @@ class Sprocket(Part):
 
 
 def strand_names(sprockets: Sequence[Sprocket]) -> tuple[str, ...]:
-    """Names (S,) "FROM->TO" of the strands that leave each of a chain's sprockets (S,)."""
+    """Names (S,) "FROM->TO" of the strands that leave each of a chain's sprockets (S,), the last end excepted."""
     names = [sprocket.name for sprocket in sprockets]
+    if sprockets and sprockets[-1].is_end:
+        return tuple(f"{a}->{b}" for a, b in pairwise(names))
     return tuple(f"{a}->{b}" for a, b in zip(names, names[1:] + names[:1], strict=True))

@@ -10,6 +10,11 @@ from warpchain.drive.sprocket import Sprocket
 from warpchain.drive.stack_math import radians
 from warpchain.drive.tooth_shape import Tooth, default_seat_angle, iso606_tooth, releasing_seat_angle
 
+END_RADIUS = 1e-9
+"""Radius at which an end, a sprocket without teeth, holds its pin [m]."""
+END_REACH = 1e4
+"""Tip radius of an end [m], which its pin never reaches."""
+
 
 def tooth_pitch(sprocket: Sprocket, chain: Chain) -> float:
     """Pitch of a sprocket's teeth [m]."""
@@ -17,12 +22,16 @@ def tooth_pitch(sprocket: Sprocket, chain: Chain) -> float:
 
 
 def pitch_radius(sprocket: Sprocket, chain: Chain) -> float:
-    """Radius of a sprocket's pitch circle [m]: p / (2 sin(pi/z))."""
+    """Radius of a sprocket's pitch circle [m]: p / (2 sin(pi/z)); of an end, `END_RADIUS`."""
+    if sprocket.is_end:
+        return END_RADIUS
     return tooth_pitch(sprocket, chain) / (2.0 * math.sin(math.pi / sprocket.teeth))
 
 
 def sprocket_tooth(sprocket: Sprocket, chain: Chain, contact: SprocketContact) -> Tooth:
-    """Tooth gap of a sprocket: its own, the contact's, or ISO 606's."""
+    """Tooth gap of a sprocket: its own, the contact's, or ISO 606's; of an end, a hole as wide as a roller."""
+    if sprocket.is_end:
+        return Tooth(chain.roller_radius, 2.0 * math.pi, math.inf, END_REACH)
     own = sprocket.tooth
     if own is not None:
         flank = math.inf if own.flank_radius is None else own.flank_radius
@@ -43,5 +52,5 @@ def sprocket_tooth(sprocket: Sprocket, chain: Chain, contact: SprocketContact) -
 
 def is_catching(sprocket: Sprocket, chain: Chain, tooth: Tooth) -> bool:
     """Whether a sprocket's straight flanks catch a strand's rollers."""
-    straight = math.isinf(tooth.flank_radius)
+    straight = not sprocket.is_end and math.isinf(tooth.flank_radius)
     return straight and bool(tooth.seat_angle > releasing_seat_angle(pitch_radius(sprocket, chain), chain.pitch))

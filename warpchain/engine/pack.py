@@ -171,7 +171,7 @@ def _pack_stack(packed: PackedEnsemble, part: Stack[ChainModel], assembly: Assem
     at = {kind.first: packed.drives[kind.first][v].astype(np.int64) for kind in DIMENSIONS.values() if kind.first}
     packed.drives["tension_scale"][v] = tension_scale(model, assembly)
     _fill_rows(packed.chains, v, fill_chain_row, model)
-    links = model.chain.links
+    links = model.chain.rollers
     scatter_values(packed.relative_mass, at["first_roller"], model.chain.relative_masses)
     scatter_values(packed.lengths, at["first_roller"], model.chain.link_lengths)
     packed.chains["length"][v] = packed.lengths[at["first_roller"]]
@@ -241,11 +241,11 @@ def _pack_sprocket(
         packed.tooth_friction,
         mine,
         fill_friction_row,
-        tooth_friction_coefficients(model),
+        tooth_friction_coefficients(model, s),
         tooth_effective_mass(model, s),
         model.sprocket_stiffness(s),
     )
-    _fill_rows(packed.strands, mine, fill_strand_row, assembly, s, model.chain.links)
+    _fill_rows(packed.strands, mine, fill_strand_row, assembly, model, s)
     _fill_rows(
         packed.motions,
         body,

@@ -165,10 +165,10 @@ class PackedEnsemble(_PackedArrays):
 
     @property
     def has_varied_links(self) -> NDArray[np.bool_]:
-        """(variants,) whether a chain's links differ, or its rollers' masses, or there is play."""
+        """(variants,) whether a chain's links differ, or its rollers' masses, or have play, or one is absent."""
         of = self.chains
         unlike = (of["outer_stiffness"] != of["stiffness"]) | (of["outer_damping"] != of["damping"])
-        return np.asarray(unlike | (of["unlike_masses"] > 0) | (of["play"] != 0.0))
+        return np.asarray(unlike | (of["unlike_masses"] > 0) | (of["play"] != 0.0) | (of["absent"] > 0))
 
     @property
     def has_linear_hysteretic_contacts(self) -> NDArray[np.bool_]:

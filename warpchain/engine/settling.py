@@ -151,7 +151,7 @@ def _move_to_settled(
 ) -> None:
     """Moves rollers, arms and boxes to where they settled."""
     model, rows = stack.one, packed.drives[stack.members]
-    links = model.chain.links
+    links = model.chain.rollers
     first = STATE_ROWS * rows["first_roller"].astype(np.int64)
     here = gather_values(moved, first, 2 * links)
     scatter_values(packed.rollers, first, here)
@@ -180,6 +180,7 @@ def largest_net_forces(packed: PackedEnsemble, residual: NDArray[np.float64]) ->
         x, y = roller_coordinates(packed.rollers, first, count)
         span = np.hypot(np.roll(x, -1, axis=1) - x, np.roll(y, -1, axis=1) - y)
         span -= gather_values(packed.lengths, first, count)
+        span[np.arange(count) + 1 == packed.chains["absent"][alike, None]] = 0.0
         largest[alike] = packed.chains["stiffness"][alike] * np.abs(span).max(axis=1)
     weight = packed.chains["mass"] * np.hypot(*packed.chains["gravity"].T)
     least = float(LEAST_STRETCH) * packed.chains["stiffness"]

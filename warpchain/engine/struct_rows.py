@@ -87,7 +87,7 @@ def fill_law_row(row: Any, contact: ImpactLaw, stiffness: float, mass: float) ->
 
 
 def fill_sprocket_row(row: Any, model: ChainModel, s: int, seats: RowList) -> None:
-    """Fills the `structs.Sprocket` of sprocket s; `seats` gathers tooth seats."""
+    """Fills the `structs.Sprocket` of sprocket s, or of an end; `seats` gathers tooth seats."""
     teeth = model.sprockets[s].teeth
     if teeth not in seats.known:
         angle = 2.0 * np.pi * np.arange(teeth) / teeth
@@ -108,7 +108,21 @@ def fill_sprocket_row(row: Any, model: ChainModel, s: int, seats: RowList) -> No
     row["sin_half_seat"] = np.sin(half_seat)
     row["flank_curvature"] = 1.0 / (tooth.flank_radius + roller_radius)
     row["tip_reach"] = tooth.tip_radius + roller_radius
-    fill_law_row(row["law"], model.contact.sprocket, model.sprocket_stiffness(s), model.chain.mass)
+    if model.sprockets[s].is_end:
+        _fill_end(row, model, s)
+    else:
+        fill_law_row(row["law"], model.contact.sprocket, model.sprocket_stiffness(s), model.chain.mass)
+
+
+def _fill_end(row: Any, model: ChainModel, s: int) -> None:
+    """Fills the `structs.Sprocket` of an end: a hole that holds one pin, as stiff as a link."""
+    row["pin"] = 1 if s == 0 else model.chain.rollers
+    row["near_square"], row["far_square"] = -1.0, np.inf
+    row["cos_half_seat"], row["sin_half_seat"] = -1.0, 0.0
+    row["law"]["form"] = FORCE_NUMBERS["kelvin_voigt_damper"]
+    row["law"]["stiffness"], row["law"]["exponent"] = model.sprocket_stiffness(s), 1.0
+    row["law"]["damping"] = model.chain.link_damping
+    row["law"]["speed_floor"] = model.contact.sprocket.impact_speed_floor
 
 
 def _harmonic_rows(model: ChainModel, s: int, harmonics: Sequence[Harmonic]) -> NDArray[np.float64]:
@@ -221,7 +235,7 @@ def tooth_effective_mass(model: ChainModel, s: int) -> float:
     return 1.0 / (1.0 / model.chain.mass + sprocket.teeth * mobility)
 
 
-def fill_strand_row(row: Any, assembly: Assembly, s: int, rollers: int) -> None:
+def fill_strand_row(row: Any, assembly: Assembly, model: ChainModel, s: int) -> None:
     """Fills the `structs.Strand` after sprocket s: line and middle roller."""
     path = assembly.path
     chord = path.strand_end[..., s, :] - path.strand_start[..., s, :]
@@ -229,13 +243,16 @@ def fill_strand_row(row: Any, assembly: Assembly, s: int, rollers: int) -> None:
     row["start"] = path.strand_start[..., s, :]
     row["direction"] = chord / length[..., None]
     row["length"] = length
-    row["middle"] = (assembly.strand_first[..., s] + assembly.strand_links[..., s] // 2) % rollers
+    row["middle"] = (assembly.strand_first[..., s] + assembly.strand_links[..., s] // 2) % model.links
+    if model.chain.is_open:
+        last = len(model.sprockets) - 1
+        row["end"] = 1 * (s == 0) + 2 * (s == last - 1) + 4 * (s == last)
 
 
 def fill_drive_row(row: Any, model: ChainModel, assembly: Assembly) -> None:
     """Fills a `structs.Drive`: counts, integrator, and the box of motion."""
     row["chains"] = 1
-    row["rollers"], row["sprockets"], row["guides"] = model.chain.links, len(model.sprockets), len(model.guides)
+    row["rollers"], row["sprockets"], row["guides"] = model.chain.rollers, len(model.sprockets), len(model.guides)
     row["bodies"], row["arms"] = len(model.sprockets) + len(model.shafts) + len(model.arms), len(model.arms)
     fill_train_counts(row, model)
     row["tensioners"], row["pieces"] = len(model.tensioners), piece_count(model)
@@ -345,7 +362,7 @@ def fill_chain_row(row: Any, model: ChainModel) -> None:
     chain = model.chain
     row["stiffness"], row["damping"] = chain.stiffness, chain.link_damping
     row["outer_stiffness"], row["outer_damping"] = chain.outer_stiffness, chain.outer_damping
-    row["play"] = chain.link_play
+    row["play"], row["absent"] = chain.link_play, chain.rollers if chain.is_open else 0
     row["mass"], row["inverse_mass"] = chain.mass, 1.0 / chain.mass
     row["gravity"] = array_of_columns(model.run.gravity)
     row["unlike_masses"] = (chain.relative_masses != 1.0).any(axis=-1)

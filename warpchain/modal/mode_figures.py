@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from warpchain.results.outlines import DrivePose, OutlinePart, guide_arm_tensioner_parts
+from warpchain.results.outlines import DrivePose, OutlinePart, chain_line, guide_arm_tensioner_parts
 from warpchain.view.figures.figure_style import LINE_COLORS, rpm_of_speed, strand_label
 
 if TYPE_CHECKING:
@@ -18,11 +18,6 @@ if TYPE_CHECKING:
     from warpchain.modal.eigenmodes import Modes
     from warpchain.modal.matrices import Array
     from warpchain.model import ChainModel
-
-
-def closed_chain_line(rollers: Array) -> Array:
-    """Closed line (N + 1, 2) through a chain's rollers."""
-    return np.append(rollers, rollers[:1], axis=0)
 
 
 def carried_part_lines(model: ChainModel, bodies: Array) -> list[Array]:
@@ -92,10 +87,10 @@ def _draw_shape(axis: Any, modes: Modes, k: int) -> None:
     for own in modes.of_chains():
         for line in fixed_part_lines(own.model):
             axis.plot(*line.T, color="peru", lw=1.2)
-        axis.plot(*closed_chain_line(own.position).T, color="0.75", lw=0.8)
+        axis.plot(*chain_line(own.model, own.position).T, color="0.75", lw=0.8)
     for phase, color in ((np.pi, LINE_COLORS[0]), (0.0, LINE_COLORS[1])):
         for own, rollers, bodies in mode_swing(modes, k, phase):
-            axis.plot(*closed_chain_line(rollers).T, color=color, lw=1.1)
+            axis.plot(*chain_line(own.model, rollers).T, color=color, lw=1.1)
             for s in range(len(own.model.sprockets)):
                 x, y, _ = bodies[s]
                 radius, angle = 0.82 * own.model.pitch_radius(s), bodies[s, 2] - own.placed[s, 2]

@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 from warpchain.errors import ArchiveError
 from warpchain.files import refusals_as_errors, whole_file
 from warpchain.modal.eigenmodes import Modes
-from warpchain.modal.mode_figures import carried_part_lines, closed_chain_line, fixed_part_lines, mode_swing
+from warpchain.modal.mode_figures import carried_part_lines, fixed_part_lines, mode_swing
+from warpchain.results.outlines import chain_line
 from warpchain.view.rerun.streams import flipped_points
 
 if TYPE_CHECKING:
@@ -86,7 +87,7 @@ def log_modes(stream: rr.RecordingStream, modes: Modes) -> None:
     chains = modes.of_chains()
     width = 0.08 * min(own.model.chain.pitch for own in chains)
     rest = rr.LineStrips2D(
-        [flipped_points(closed_chain_line(own.position)) for own in chains], colors=[REST], radii=[0.5 * width]
+        [flipped_points(chain_line(own.model, own.position)) for own in chains], colors=[REST], radii=[0.5 * width]
     )
     stream.log("drive/chain", rest, static=True)
     still = [flipped_points(line) for own in chains for line in fixed_part_lines(own.model)]
@@ -100,7 +101,7 @@ def log_modes(stream: rr.RecordingStream, modes: Modes) -> None:
             for own, rollers, bodies in mode_swing(modes, k, 2.0 * np.pi * frame / CYCLE_FRAMES):
                 steel = _sprocket_rims(own, bodies)
                 carried = [flipped_points(line) for line in carried_part_lines(own.model, bodies)]
-                strips += [flipped_points(closed_chain_line(rollers)), *steel, *carried]
+                strips += [flipped_points(chain_line(own.model, rollers)), *steel, *carried]
                 colors += [CHAIN] + [STEEL] * len(steel) + [RUBBER] * len(carried)
                 radii += [width] + [0.6 * width] * (len(steel) + len(carried))
             stream.log(mode_entity(modes, k), rr.LineStrips2D(strips, colors=colors, radii=radii))

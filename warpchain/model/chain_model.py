@@ -58,8 +58,8 @@ class ChainModel:
 
     @property
     def links(self) -> int:
-        """Number of links."""
-        return self.chain.links
+        """Number of links, and of rollers; an open chain's absent link counts."""
+        return self.chain.rollers
 
     @property
     def driver(self) -> int:
@@ -106,6 +106,8 @@ class ChainModel:
         Links of length l ride at l / (2 sin(pi/z)); unlike ones l, l', with a = 4 pi/z, at sqrt(l^2 + l'^2 + 2 l l'
         cos(a/2)) / (2 sin(a/2)).
         """
+        if self.sprockets[s].is_end:
+            return self.pitch_radius(s)
         half = math.pi / self.sprockets[s].teeth
         alone = maximum(self.sprocket_pitch(s), self.chain.worn_pitch) / (2.0 * math.sin(half))
         if self.chain.outer is None:
@@ -116,7 +118,7 @@ class ChainModel:
 
     def riding_lean(self, s: int) -> float:
         """Angle by which outer links reach beyond a tooth at either end, and inner ones fall short [rad]."""
-        if self.chain.outer is None:
+        if self.chain.outer is None or self.sprockets[s].is_end:
             return 0.0
         inner, outer = self.chain.pulled_pair
         radius = self.riding_radius(s)
@@ -265,11 +267,13 @@ class ChainModel:
         return next(s for s, sprocket in enumerate(self.sprockets) if sprocket.name == name)
 
     def sprocket_stiffness(self, s: int) -> float:
-        """Generalized stiffness of a sprocket's contact [N/m^n], eq. (20), bush and pin in series.
+        """Generalized stiffness of a sprocket's contact [N/m^n], eq. (20), bush and pin in series; of an end, a link's.
 
         Raises:
             DriveError: reference load beyond validity.
         """
+        if self.sprockets[s].is_end:
+            return self.chain.mean_stiffness
         law, radius = self.contact.sprocket, self.chain.roller_radius
         tooth = contact_stiffness(law, radius, self.tooth(s).seat_radius, "contact.sprocket")
         return tooth if law.bush_stiffness is None else 1.0 / (1.0 / tooth + 1.0 / law.bush_stiffness)

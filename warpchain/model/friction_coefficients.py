@@ -43,8 +43,10 @@ def friction_coefficients(law: ImpactLaw | Joint, most: float = math.inf) -> Fri
     return FrictionCoefficients(dynamic, static, speed)
 
 
-def tooth_friction_coefficients(model: ChainModel) -> FrictionCoefficients:
-    """Friction coefficients of rollers on teeth."""
+def tooth_friction_coefficients(model: ChainModel, s: int | None = None) -> FrictionCoefficients:
+    """Friction coefficients of rollers on teeth, none on sprocket `s` where that is an end."""
+    if s is not None and model.sprockets[s].is_end:
+        return FrictionCoefficients(0.0, 0.0, 1.0)
     return friction_coefficients(model.contact.sprocket)
 
 
@@ -58,7 +60,7 @@ def partner_friction_coefficients(model: ChainModel, index: int) -> FrictionCoef
     """Friction coefficients of rollers on a partner: sprockets, then guides."""
     sprockets = len(model.sprockets)
     if index < sprockets:
-        return tooth_friction_coefficients(model)
+        return tooth_friction_coefficients(model, index)
     return guide_friction_coefficients(model, index - sprockets)
 
 

@@ -405,7 +405,7 @@ DISPLACEMENT_STD = Column(
 RATING_METRICS = MetricGroup(
     "chain",
     (Column("rated_use", "1", "mean power of the driver over that which standards rate the chain for", rated_use),),
-    applies_to=lambda model, index: size_rating(model.chain.size) is not None,
+    applies_to=lambda model, index: size_rating(model.chain.size) is not None and not model.chain.is_open,
 )
 IMPACT_IMPULSE = Column(
     "impact_impulse",

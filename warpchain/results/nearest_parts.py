@@ -61,7 +61,7 @@ def sprocket_normals(trajectory: Trajectory, s: int, frame: Index | None = None,
     if frame is None:
         frame = np.arange(len(trajectory.time))[:, None]
     if roller is None:
-        roller = np.arange(model.chain.links)
+        roller = np.arange(model.chain.rollers)
     pitch_angle = 2.0 * math.pi / model.sprockets[s].teeth
     r = np.asarray(position, dtype=float)[frame, roller] - sprocket_center[frame, s]
     turned = np.asarray(sprocket_angle, dtype=float)[frame, s]
@@ -91,7 +91,7 @@ def nearest_guides_of_rollers(trajectory: Trajectory, frame: Index, roller: Inde
 def engaged_sprockets(trajectory: Trajectory, rollers: Index | None = None) -> Index:
     """Sprocket (F, N) that rollers engage, -1 for none."""
     model = trajectory.model
-    which = np.arange(model.chain.links) if rollers is None else rollers
+    which = np.arange(model.chain.rollers) if rollers is None else rollers
     frame, roller = np.meshgrid(np.arange(len(trajectory.time)), which, indexing="ij")
     near, apart = nearest_sprockets_of_rollers(trajectory, frame.ravel(), roller.ravel())
     band = np.array([model.engagement(s) for s in range(len(model.sprockets))])

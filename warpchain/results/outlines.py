@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -60,8 +60,14 @@ def pose_at_frame(trajectory: Trajectory, f: int) -> DrivePose:
     return DrivePose(center, angle, arm, arm_pivots(trajectory.model, trajectory.time[f, None], arm[None])[0])
 
 
+def chain_line(model: ChainModel, points: NDArray[Any]) -> NDArray[Any]:
+    """Line (..., P + 1, 2) through points (..., P, 2) of the chain, closed unless it is open."""
+    first = points.shape[-2] - 1 if model.chain.is_open else 0
+    return np.concatenate([points, points[..., first : first + 1, :]], axis=-2)
+
+
 def chain_outline(model: ChainModel, path: ChainPath) -> Array:
-    """Closed line (P, 2) [m] of the chain's path."""
+    """Line (P, 2) [m] of the chain's path, closed unless it is open."""
     spacing, line = 0.25 * model.chain.pitch, []
     for s, sprocket in enumerate(model.sprockets):
         count = math.ceil(path.wrap_angle[s] * path.radius[s] / spacing) + 1
@@ -70,7 +76,7 @@ def chain_outline(model: ChainModel, path: ChainPath) -> Array:
         string = path.strings[s]
         if string is not None:
             line.append(Profile(string.pieces).points(spacing))
-    return np.concatenate([*line, line[0][:1]])
+    return chain_line(model, np.concatenate(line))
 
 
 def teeth_parts(model: ChainModel, pose: DrivePose, arc_points: int = 9) -> list[OutlinePart]:
@@ -123,7 +129,10 @@ def guide_arm_tensioner_parts(model: ChainModel, pose: DrivePose) -> list[Outlin
 
 
 def tooth_outline(model: ChainModel, s: int, arc_points: int = 9) -> Array:
-    """Closed outline (P, 2) [m] of a sprocket's teeth."""
+    """Closed outline (P, 2) [m] of a sprocket's teeth, or of the hole that an end is."""
+    if model.sprockets[s].is_end:
+        turn = np.linspace(0.0, 2.0 * math.pi, 4 * arc_points + 1)
+        return model.chain.roller_radius * np.stack([np.cos(turn), np.sin(turn)], axis=1)
     return teeth_outline(model.tooth(s), model.sprockets[s].teeth, model.pitch_radius(s), arc_points)
 
 

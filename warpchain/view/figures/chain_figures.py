@@ -47,11 +47,12 @@ MOST_DOTS = 20_000
 
 
 def hardest_pressed_roller(trajectory: Trajectory) -> int:
-    """Number of the roller that guides, or else sprockets, press hardest."""
+    """Number of the roller that guides, or else sprockets, press hardest; ends of an open chain aside."""
     sprocket_force, guide_force = require_channels(trajectory, "sprocket_force", "guide_force")
     part = last_round_frames(trajectory)
-    by_guides = guide_force[part].max(axis=0)
-    return int(np.argmax(by_guides if by_guides.max() > 0.0 else sprocket_force[part].max(axis=0)))
+    within = slice(1, -1) if trajectory.parts.chain.is_open else slice(None)
+    by_guides, by_teeth = (force[part].max(axis=0)[within] for force in (guide_force, sprocket_force))
+    return int(np.argmax(by_guides if by_guides.max() > 0.0 else by_teeth)) + int(within.start or 0)
 
 
 def strand_displacement_figure(trajectory: Trajectory) -> Figure:

@@ -19,6 +19,7 @@ from warpchain.results.nearest_parts import contact_force_vectors
 from warpchain.results.outlines import (
     DrivePose,
     OutlinePart,
+    chain_line,
     chain_outline,
     guide_arm_tensioner_parts,
     pose_at_frame,
@@ -101,11 +102,12 @@ def drive_figure(
         if isinstance(of, Drive):
             draw_dimensions(axis, chain.model, chain.pose, reached, factor, named, color if several else None)
         labels += named.values()
-        loop = factor * np.vstack([chain.line, chain.line[:1]])
+        loop = factor * chain_line(chain.model, chain.line)
         if several or not colored:
             axis.plot(*loop.T, color=color, lw=5.5 if colored else 2, zorder=2.9, label=chain.model.name or None)
     if isinstance(of, Trajectory) and tension is not None:
-        draw_tension_chain(axis, lines, tension, tension_scale_top([of]) if top is None else top, factor)
+        drawn = [chain_line(chain.model, chain.line) for chain in chains]
+        draw_tension_chain(axis, drawn, tension, tension_scale_top([of]) if top is None else top, factor)
     draw_rotations(axis, of if isinstance(of, Drive) else of.drive, chains, factor)
     if arrows:
         draw_contact_arrows(axis, line, arrows, reach, factor)
@@ -244,6 +246,7 @@ def draw_rotations(axis: Any, drive: Drive, chains: list[_PosedChain], factor: f
         sprocket.name: (sprocket, factor * center, factor * chain.model.pitch_radius(s))
         for chain in chains
         for s, (sprocket, center) in enumerate(zip(chain.model.sprockets, chain.pose.center, strict=True))
+        if not sprocket.is_end
     }
     driver = drive.sprockets[drive.driver].name
     loaded = {shaft.name for shaft in drive.shafts if shaft.load is not None}
@@ -277,12 +280,12 @@ def _draw_rotation(axis: Any, center: Array, radius: float, sign: float) -> None
 
 
 def draw_tension_chain(axis: Any, chains: list[Array], tension: Array, top: float, factor: float) -> None:
-    """Draws chains' links in the colors of tensions up to `top` [N]."""
+    """Draws links between the points of chains' lines in the colors of tensions up to `top` [N]."""
     from matplotlib.collections import LineCollection
     from matplotlib.colors import Normalize
 
     newton, scale = display_unit("N", top)
-    links = [link for line in chains for link in factor * np.stack([line, np.roll(line, -1, axis=0)], axis=1)]
+    links = [link for line in chains for link in factor * np.stack([line[:-1], line[1:]], axis=1)]
     chain = LineCollection(links, cmap=tension_colormap(), norm=Normalize(0.0, scale * top), lw=3, zorder=3)
     chain.set_array(scale * tension)
     axis.add_collection(chain)
@@ -354,6 +357,8 @@ def draw_dimensions(
     for s, (sprocket, center) in enumerate(zip(model.sprockets, pose.center, strict=True)):
         wrap = math.degrees(float(path.wrap_angle[s]))
         text = f"{sprocket.teeth} teeth, r {_length_text(model.pitch_radius(s))}\nwrap {wrap:.1f}\N{DEGREE SIGN}"
+        if sprocket.is_end:
+            text = "end" if sprocket.mass is None else f"end, {sprocket.mass:g} kg"
         texts = labels[sprocket.name].texts
         texts.append(write_at(text, center, color=texts[0].get_color()))
     for g, guide in enumerate(model.guides):
@@ -397,9 +402,10 @@ def text_count_at(axis: Any, point: Any) -> int:
 def _strand_texts(model: ChainModel, pitches: Any) -> list[str]:
     """Words for each strand's number of links, or pitches where the chain does not fit."""
     try:
-        return [f"{links} links" for links in assemble_chain(model).strand_links]
+        found = [f"{links} links" for links in assemble_chain(model).strand_links]
     except DriveError:
-        return [f"{length:.2f} pitches" for length in pitches]
+        found = [f"{length:.2f} pitches" for length in pitches]
+    return found[: len(model.strand_names)]
 
 
 def _length_text(meters: float) -> str:

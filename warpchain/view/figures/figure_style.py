@@ -87,6 +87,8 @@ def run_line(of: Drive | Trajectory) -> str:
 def driver_speed_text(of: Drive | Trajectory) -> str:
     """The driver's name and speed in words, of a run its mean if not the top speed."""
     parts = of if isinstance(of, Drive) else of.parts
+    if parts.sprockets[parts.driver].is_end:
+        return "nothing drives"
     name, top = parts.sprockets[parts.driver].name, (Model(parts) if isinstance(parts, Drive) else parts).driver_speed
     if isinstance(of, Drive):
         led = part_of_body(of, driving_body(of)).prescribed is not None

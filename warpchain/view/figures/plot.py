@@ -78,8 +78,8 @@ def _figures_of_chain(
     """Figures of one chain's trajectory by name, those of `only` or all."""
     if roller is None:
         roller = hardest_pressed_roller(trajectory)
-    if not 0 <= roller < trajectory.parts.chain.links:
-        raise SimulationError(f"roller {roller}: allowed are 0 to {trajectory.parts.chain.links - 1}")
+    if not 0 <= roller < trajectory.parts.links:
+        raise SimulationError(f"roller {roller}: allowed are 0 to {trajectory.parts.links - 1}")
     top = tension_scale_top([trajectory], scale)
     drawn = {name: FIGURES[name](trajectory, roller, top) for name in only or FIGURES}
     return {name: figure for name, figure in drawn.items() if figure is not None}

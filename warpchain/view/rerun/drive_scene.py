@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from warpchain.results.arm_pivots import arm_pivots
 from warpchain.results.nearest_parts import roller_contact_forces
-from warpchain.results.outlines import arm_outline, guide_outline, tensioner_outline, tooth_outline
+from warpchain.results.outlines import arm_outline, chain_line, guide_outline, tensioner_outline, tooth_outline
 from warpchain.results.run import Trajectory, require_channels
 from warpchain.view.palette import Color, curve_colors, packed_tension_colors, tension_color_steps
 from warpchain.view.rerun.streams import (
@@ -65,7 +65,7 @@ def log_chain_outline(stream: rr.RecordingStream, path: str, shown: Trajectory, 
     x = flipped_points(position)
     frames = len(x)
     line = ComponentValues(
-        rr.LineStrips2D.descriptor_strips(), list_array(line_strip_array(_closed_lines(x)), 1, frames)
+        rr.LineStrips2D.descriptor_strips(), list_array(line_strip_array(chain_line(shown.model, x)), 1, frames)
     )
     send_columns(stream, path, shown.time, [line])
     style = rr.LineStrips2D.from_fields(colors=[color], radii=rr.Radius.ui_points(0.7))
@@ -88,7 +88,11 @@ def _log_chain(stream: rr.RecordingStream, root: str, shown: Trajectory, x: NDAr
         stream,
         chain,
         shown.time,
-        [ComponentValues(line.descriptor_strips(), list_array(line_strip_array(_closed_lines(x)), 1, frames))],
+        [
+            ComponentValues(
+                line.descriptor_strips(), list_array(line_strip_array(chain_line(shown.model, x)), 1, frames)
+            )
+        ],
     )
     colors = pa.array(packed_tension_colors(tension_color_steps(tension, top)).ravel())
     drawn = [(points.descriptor_positions(), vector_array(x)), (points.descriptor_colors(), colors)]
@@ -98,11 +102,6 @@ def _log_chain(stream: rr.RecordingStream, root: str, shown: Trajectory, x: NDAr
         shown.time,
         [ComponentValues(what, list_array(values, links, frames)) for what, values in drawn],
     )
-
-
-def _closed_lines(x: NDArray[np.float32]) -> NDArray[np.float32]:
-    """Closed lines (F, N + 1, 2) through rollers (F, N, 2)."""
-    return np.concatenate([x, x[:, :1]], axis=1)
 
 
 def _log_sprockets(stream: rr.RecordingStream, root: str, shown: Trajectory, colors: Mapping[str, Color]) -> None:

@@ -1,0 +1,194 @@
+"""Open chains against closed forms: weights, catenary, swinging, polygon action, balances; ends of every kind."""
+
+import tomllib
+
+import numpy as np
+import pytest
+from open_chains import CONTACT, hoist
+
+from warpchain import Drive, Record, assemble, dumps_drive, loads_drive, modes, simulate
+from warpchain.errors import DriveError, WarpchainError
+
+GRAVITY = 9.81
+PITCH, ROLLER = 0.0254, 2.71 * 0.0254
+
+
+def run_of(drive, **more):
+    run = simulate(drive, device="cpu", record=Record(rate=more.pop("rate", None)), **more)
+    return run.trajectories[0], run.metrics.slice(0, 1).to_pylist()[0]
+
+
+def file_values(drive):
+    """Values of a drive that can be changed: its file's."""
+    return tomllib.loads(dumps_drive(drive))
+
+
+def rope(links, ends, **run):
+    """A 16B chain between two ends, around nothing."""
+    return Drive(
+        chain={"size": "16B", "links": links, "stiffness": 2e7, "damping_ratio": 0.05, "ends": ["first", "last"]},
+        sprockets=[{"name": name} | end for name, end in zip(("first", "last"), ends, strict=True)],
+        contact={"sprocket": CONTACT},
+        run={"duration": 0.2, "gravity": [0.0, -GRAVITY], "step": 1e-5, "sample_rate": 2000.0} | run,
+    )
+
+
+def test_a_weight_and_the_chain_below_a_link_are_what_it_bears():
+    """At rest T of link i is the weight's and that of the pins below it; the last pin's hole bears the weight alone."""
+    trajectory, metrics = run_of(
+        rope(30, [{"center": [0.0, 0.0]}, {"center": [0.0, -0.76], "mass": 50.0, "mount": {"kind": "free"}}])
+    )
+    pins = 30 - np.arange(30)
+    expected = GRAVITY * (50.0 + pins * ROLLER)
+    # settled to 1e-3 of the largest force on each of 30 pins; it swings about that
+    np.testing.assert_allclose(trajectory.tension[0, :30], expected, rtol=1e-2)
+    np.testing.assert_allclose(trajectory.tension[:, :30].mean(axis=0), expected, rtol=2e-3)
+    assert abs(metrics["energy_residual_relative"]) < 1e-4
+    assert (trajectory.tension[:, 30] == 0.0).all()  # the absent link
+
+
+def test_a_slack_chain_between_two_walls_is_a_catenary():
+    """T = T_0 + w y above the lowest point, w the weight of a meter; the polygon of 60 links is one to 1e-3."""
+    drive = rope(60, [{"center": [0.0, 0.0]}, {"center": [1.46, 0.0]}], duration=0.01)
+    trajectory, _ = run_of(drive)
+    x, tension = trajectory.position[0], trajectory.tension[0, :60]
+    height = 0.5 * (x[1:, 1] + x[:-1, 1])
+    slope, lowest = np.polyfit(height - height.min(), tension, 1)
+    assert slope == pytest.approx(2.71 * GRAVITY, rel=5e-3)
+    pull = tension * (x[1:, 0] - x[:-1, 0]) / np.hypot(*(x[1:] - x[:-1]).T)
+    np.testing.assert_allclose(pull, pull.mean(), rtol=2e-3)  # the horizontal part is the same everywhere
+    assert lowest == pytest.approx(pull.mean(), rel=1e-2)
+
+
+def test_a_hoist_lifts_its_weight_by_mass_times_gravity_and_acceleration():
+    """T = M (g + a) and the chain's own below, in the mean of a steady acceleration."""
+    ramp = {"speed": 20.0, "ramp_time": 1.0}  # 20 rad/s^2 at a radius of 85 mm: 1.7 m/s^2
+    drive = hoist(links=100, weight=60.0, below=1.2, duration=0.9)
+    values = file_values(drive)
+    values["sprockets"][1] |= {"prescribed": ramp, "wrap": "ccw"}
+    first, wheel, weight = values["sprockets"]
+    first |= {"center": [0.08521, -1.2], "mass": 2.0, "mount": {"kind": "free"}}
+    weight |= {"center": [-0.08521, weight["center"][1]]}
+    wheel["wrap"] = "ccw"
+    trajectory, metrics = run_of(Drive(**values), window=(0.1, 0.9), rate=5000.0)
+    late = trajectory.time > 0.1  # some ten periods of its bouncing
+    time, speed = trajectory.time[late], np.abs(trajectory.sprocket_speed[late, 1])
+    acceleration = 0.08521 * (speed[-1] - speed[0]) / (time[-1] - time[0])
+    own = trajectory.tension[late, 99].mean()
+    assert own == pytest.approx((60.0 + ROLLER) * (GRAVITY - acceleration), rel=5e-3)  # it is let down
+    assert abs(metrics["energy_residual_relative"]) < 1e-4, sorted(metrics)
+
+
+def swing_frequencies(links, weight):
+    """Circular frequencies of a hanging chain of point masses with a weight on its last pin [rad/s], lumped."""
+    masses = np.full(links, ROLLER)
+    masses[-1] += weight
+    tension = GRAVITY * np.cumsum(masses[::-1])[::-1]  # of link i, above pin i + 1
+    stiffness = np.diag(tension / PITCH) + np.diag(np.append(tension[1:], 0.0) / PITCH)
+    stiffness -= np.diag(tension[1:] / PITCH, 1) + np.diag(tension[1:] / PITCH, -1)
+    return np.sqrt(np.linalg.eigvals(stiffness / masses[:, None]).real.clip(0.0))
+
+
+def test_a_hanging_chain_swings_as_bessel_says():
+    """omega_k^2 = j_k^2 g / (4 L), j_k the zeros of J_0; of point masses, with a small weight on the last, lumped."""
+    links, weight = 60, 0.02
+    lumped = np.sort(swing_frequencies(links, weight))[:3]
+    length = links * PITCH
+    bessel = np.array([2.404825557695773, 5.520078110286311, 8.653727912911013]) * np.sqrt(GRAVITY / length) / 2.0
+    np.testing.assert_allclose(lumped, bessel, rtol=2.0 / links)  # of first order in 1/N: half a pin too many, and that
+    drive = rope(links, [{"center": [0.0, 0.0]}, {"center": [0.0, -length], "mass": weight, "mount": {"kind": "free"}}])
+    found = 2.0 * np.pi * np.sort(modes(drive, count=3).frequency)
+    np.testing.assert_allclose(found, lumped, rtol=1e-3)  # links' stretch is 1e-6 of them
+
+
+def test_the_last_link_over_a_wheel_is_lifted_as_polygon_action_says():
+    """A weight on a slider below a wheel of z teeth at constant speed: largest acceleration p omega^2 / 2."""
+    omega = 1.0
+    values = file_values(hoist(links=60, weight=100.0, duration=1.3))
+    values["chain"]["stiffness"] = 2e8  # it bounces at twelve times the frequency of the teeth
+    first, wheel, weight = values["sprockets"]
+    wheel |= {"prescribed": {"speed": omega, "ramp_time": 0.3}}
+    first |= {"mass": 2.0, "mount": {"kind": "slider", "direction": [0.0, -1.0], "stiffness": 0.0, "damping": 0.0}}
+    weight |= {"mount": {"kind": "slider", "direction": [0.0, -1.0], "stiffness": 0.0, "damping": 2000.0}}
+    trajectory, _ = run_of(Drive(**values), rate=5000.0)
+    speed = np.gradient(trajectory.sprocket_center[:, 2, 1], trajectory.time)
+    late = trajectory.time > 1.3 - 3.0 * 2.0 * np.pi / (omega * 21)  # three pitches
+    radius = 0.5 * PITCH / np.sin(np.pi / 21)
+    assert np.mean(speed[late]) == pytest.approx(-omega * 21 * PITCH / (2.0 * np.pi), rel=2e-3)
+    # the polygon's speeds are R omega cos(pi / z) to R omega; the jumps of acceleration, p omega^2, let it bounce
+    bouncing = np.sqrt(2e8 / 31.0 / 100.0)  # on the 31 links below the wheel
+    polygon = radius * omega * (1.0 - np.cos(np.pi / 21))
+    assert np.ptp(speed[late]) == pytest.approx(polygon + 2.0 * PITCH * omega**2 / bouncing, rel=0.15)
+
+
+ENDS = {
+    "fixed": {"center": [-0.08521, -0.4]},
+    "led": {
+        "center": [-0.08521, -0.4],
+        "mount": {"kind": "prescribed", "direction": [0.0, 1.0], "amplitude": 2e-4, "frequency": 15.0},
+    },
+    "slider": {
+        "center": [-0.08521, -0.4], "mass": 40.0,
+        "mount": {"kind": "slider", "direction": [0.0, -1.0], "stiffness": 2e5, "damping": 100.0},
+    },
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("kind", ENDS)
+def test_energy_is_in_balance_with_an_end_that_is(kind):
+    """Of second order in the step: with a led end 3.3e-4 at 10 us, 8e-5 at 5."""
+    trajectory, metrics = run_of(hoist(start=ENDS[kind], duration=0.1, step=5e-6))
+    assert abs(metrics["energy_residual_relative"]) < 1e-4
+    assert trajectory.position.shape[1] == 41 and not metrics["diverged"]
+
+
+def test_an_end_on_an_arm_turns_it():
+    """An arm of 0.3 m from its pivot to the end, on a spring: k angle = T times the lever, at rest."""
+    drive = hoist(duration=0.3)
+    values = file_values(drive)
+    values["arms"] = [
+        {"name": "beam", "pivot": [-0.38521, -0.4], "mass": 1.0, "center": [-0.23521, -0.4], "inertia": 0.05,
+         "stiffness": 2e4, "free_angle": 0.0, "damping": 50.0},
+    ]  # fmt: skip
+    first = values["sprockets"][0]
+    first |= {"mass": 0.5, "mount": {"kind": "arm", "arm": "beam"}}
+    trajectory, metrics = run_of(Drive(**values))
+    late = trajectory.time > 0.1
+    angle, tension = trajectory.arm_angle[late, 0], trajectory.tension[late, 0]
+    lever = 0.3 * np.cos(angle.mean())
+    weight = GRAVITY * (1.0 * 0.15 + 0.5 * 0.3)
+    assert 2e4 * angle.mean() == pytest.approx(tension.mean() * lever - weight, rel=0.02)
+    assert abs(metrics["energy_residual_relative"]) < 1e-4
+
+
+def test_an_open_chain_reads_back_and_is_assembled_from_end_to_end():
+    drive = hoist()
+    assert loads_drive(dumps_drive(drive)) == drive
+    assert drive.strand_names == ("start->wheel", "wheel->weight")
+    state = assemble(drive)
+    assert state.position.shape == (41, 2)
+    assert state.seat_sprocket[0] == 0 and state.seat_sprocket[-1] == 2
+    np.testing.assert_allclose(state.position[0], [-0.08521, -0.4], atol=1e-8)
+    lengths = np.hypot(*np.diff(state.position, axis=0).T)
+    np.testing.assert_allclose(lengths, PITCH, rtol=2e-3)
+
+
+WRONG = {
+    "of no sprocket": ({"chain": {"ends": ["start", "nothing"]}}, "chain.ends"),
+    "not the last": ({"chain": {"ends": ["weight", "start"]}}, "chain.ends"),
+    "one of them": ({"chain": {"ends": ["start"]}}, "chain.ends"),
+    "too few links": ({"chain": {"links": 12}}, "chain.links = 12"),
+    "teeth": ({"end": {"teeth": 21}}, "sprockets.start.teeth"),
+    "a free one without mass": ({"end": {"mount": {"kind": "free"}}}, "sprockets.start.mass"),
+    "an unknown arm": ({"end": {"mass": 1.0, "mount": {"kind": "arm", "arm": "beam"}}}, "arm"),
+}
+
+
+@pytest.mark.parametrize("case", WRONG)
+def test_what_is_no_end_is_refused(case):
+    changes, place = WRONG[case]
+    values = file_values(hoist())
+    values["chain"] |= changes.get("chain", {})
+    values["sprockets"][0] |= changes.get("end", {})
+    with pytest.raises((DriveError, WarpchainError), match=place):
+        assemble(Drive(**values))
