@@ -25,6 +25,7 @@ GROUPS = {
         "shafts",
         "valve-trains",
         "several-chains",
+        "open-chains",
         "moving-sprockets",
         "guides-and-tensioners",
         "tensioners",
