@@ -90,7 +90,7 @@ class Attachment(Part):
     borne by the two pins of its link by halves. It does not turn, and touches nothing.
 
     Attributes:
-        mass: of one attachment [kg].
+        mass: mass of one attachment [kg].
         every: links from one attachment to the next, up to the chain's last link; None: there is only the first.
         first: link that has the first one, from 0; link i joins rollers i and i + 1.
     """
