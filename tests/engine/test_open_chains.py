@@ -192,3 +192,30 @@ def test_what_is_no_end_is_refused(case):
     values["sprockets"][0] |= changes.get("end", {})
     with pytest.raises((DriveError, WarpchainError), match=place):
         assemble(Drive(**values))
+
+
+def test_a_loop_turns_the_shaft_of_an_open_chain():
+    """A loop lifts 100 kg through a shaft: energy of both chains in balance, the speed of the load by the ratio."""
+    beside = {"name": "lift", "plane": "beside", "ends": ["load", "free end"], "links": 80}
+    chain = {"size": "16B", "stiffness": 5e7, "damping_ratio": 0.02}
+    names = ("motor", "driven", "load", "wheel", "free end")
+    keys: list[dict] = [
+        {"chain": "primary", "teeth": 15, "center": [0.5, 0.0], "prescribed": {"speed": 3.0, "ramp_time": 0.2}},
+        {"chain": "primary", "teeth": 25, "center": [0.0, 0.0], "shaft": "drum", "inertia": 0.05},
+        {"chain": "lift", "center": [-0.061, -1.39], "mass": 100.0, "mount": {"kind": "free"}},
+        {"chain": "lift", "teeth": 15, "center": [0.0, 0.0], "shaft": "drum", "inertia": 0.01},
+        {"chain": "lift", "center": [0.061, -0.45], "mass": 2.0, "mount": {"kind": "free"}},
+    ]
+    drive = Drive(
+        chains=[chain | {"name": "primary", "links": 60}, chain | beside],
+        sprockets=[{"name": name, "wrap": "cw"} | of for name, of in zip(names, keys, strict=True)],
+        shafts=[{"name": "drum", "inertia": 0.02}],
+        contact={"sprocket": CONTACT},
+        run={"duration": 0.5, "gravity": [0.0, -GRAVITY], "step": 4e-6, "sample_rate": 2000.0, "start": True},
+    )
+    trajectory, metrics = run_of(drive, window=(0.0, 0.5))
+    assert abs(metrics["energy_residual_relative"]) < 3e-4
+    late = trajectory.time > 0.3
+    height = trajectory.sprocket_center[late, 2, 1]
+    rising = np.polyfit(trajectory.time[late], height, 1)[0]
+    assert rising == pytest.approx(3.0 * 15.0 / 25.0 * 15.0 * PITCH / (2.0 * np.pi), rel=0.1)  # it bounces on the way
