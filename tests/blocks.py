@@ -633,8 +633,8 @@ def with_spares(drive, lacking):
         return drive
     values = drive_values(drive)
     for sort, part in SPARE.items():
-        values[sort] = [*values[sort], *(part | {"name": f"spare {sort} {k}"} for k in range(lacking[sort]))]
-    if values["guides"]:
+        values[sort] = [*values.get(sort, ()), *(part | {"name": f"spare {sort} {k}"} for k in range(lacking[sort]))]
+    if values.get("guides"):
         values["contact"].setdefault("guide", {"restitution": 0.5, "impact_speed_floor": 0.02, "stiffness": 1e6})
     return Drive(**values)
 

@@ -245,7 +245,8 @@ class _RollerPlacement:
         sprocket, chain, held = self.model.sprockets[s], self.model.chain, begin + links if s == 0 else begin
         natural = np.take(self.lengths, np.arange(begin, begin + links) % self.lengths.shape[1], axis=1).sum(axis=1)
         gravity = np.concatenate([self._column(part) for part in self.model.run.gravity], axis=1)
-        mount, off = sprocket.mount, self.path.center[self.alike, s] - self.position[:, held]
+        mount, from_held = sprocket.mount, self.path.center[self.alike, s] - self.position[:, held]
+        off = from_held
         pull = self._column(moving_mass(sprocket)) * gravity
         if isinstance(mount, SliderMount):
             way = np.concatenate(
@@ -255,6 +256,12 @@ class _RollerPlacement:
         else:
             pull = pull + np.concatenate([self._column(part) for part in mount.preload], axis=1)  # type: ignore[union-attr]
             way, off = pull / np.hypot(pull[:, :1], pull[:, 1:]), 0.0 * off
+        slack = np.flatnonzero(~(np.einsum("ki,ki->k", pull, from_held) > 0.0))
+        if len(slack):
+            raise DriveError(
+                f'sprocket "{sprocket.name}": its weight and preload do not pull at the chain, which would be slack; '
+                "allowed is a place on that side of the chain to which they pull it"
+            )
         ahead = np.einsum("ki,ki->k", off, way)
         chord = np.where(ahead == 0.0, 1.0, ahead / np.hypot(off[:, 0], off[:, 1])) if off.any() else np.ones(len(off))
         tension = np.einsum("ki,ki->k", pull, way) / chord

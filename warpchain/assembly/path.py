@@ -460,6 +460,11 @@ def _check_apart(model: ChainModel, center: Sequence[Pair], radius: Sequence[Any
         v = _first_variant(square <= reach * reach)
         if v is not None:
             first, second = model.sprockets[a].name, model.sprockets[b].name
+            if model.sprockets[a].is_end or model.sprockets[b].is_end:
+                raise DriveError(
+                    f'sprockets "{first}" and "{second}": an end of the chain lies at or within the other; allowed is '
+                    f"a distance of more than {_variant_number(reach, v):.6g} m"
+                )
             raise DriveError(
                 f'sprockets "{first}" and "{second}": pitch circles overlap, no tangent joins them; their centers are '
                 f"{math.sqrt(_variant_number(square, v)):.6g} m apart, allowed is more than the sum of pitch radii, "

@@ -73,13 +73,14 @@ def _end_rules(drive: Any, sprockets: Sequence[Any]) -> Iterator[Problem]:
             text = "must be the names of the first and the last of the chain's sprockets, in the order of its travel"
             yield Problem((*path, "ends"), list(named), text)
     for s, sprocket in enumerate(sprockets):
-        if node_value(sprocket, "name") not in ends:
+        name = node_value(sprocket, "name")
+        if not isinstance(name, str) or name not in ends:
             if node_value(sprocket, "teeth") is None or (isinstance(sprocket, Sprocket) and sprocket.is_end):
                 yield Problem(("sprockets", s, "teeth"), None, f"missing; {allowed_text(Sprocket, 'teeth')}", BARE)
             continue
         for key in ON_TEETH:
             value = node_value(sprocket, key)
-            if value is not None and (key, value) != ("teeth", END_TEETH):
+            if value is not None and not (key == "teeth" and value is END_TEETH):
                 yield Problem(
                     ("sprockets", s, key),
                     value if are_numbers(value) else None,

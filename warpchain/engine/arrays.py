@@ -127,7 +127,7 @@ ARRAYS = {
     },
     "state": {
         "rollers": ArrayRow("roller", STATE_ROWS, packed_name="rollers", in_checkpoints=True),
-        "relative_mass": ArrayRow("roller", packed_name="relative_mass", in_checkpoints=True),
+        "relative_mass": ArrayRow("roller", packed_name="relative_mass"),
         "bodies": ArrayRow("body", packed_name="bodies", in_checkpoints=True),
         "body_stages": ArrayRow("body", 2, in_checkpoints=True),
         "wrenches": ArrayRow("body", in_checkpoints=True),
