@@ -8,6 +8,7 @@ from open_chains import CONTACT, hoist
 
 from warpchain import Drive, Record, assemble, dumps_drive, loads_drive, modes, simulate
 from warpchain.errors import DriveError, WarpchainError
+from warpchain.results.tooth_jump import tooth_jump_margin
 
 GRAVITY = 9.81
 PITCH, ROLLER = 0.0254, 2.71 * 0.0254
@@ -219,3 +220,8 @@ def test_a_loop_turns_the_shaft_of_an_open_chain():
     height = trajectory.sprocket_center[late, 2, 1]
     rising = np.polyfit(trajectory.time[late], height, 1)[0]
     assert rising == pytest.approx(3.0 * 15.0 / 25.0 * 15.0 * PITCH / (2.0 * np.pi), rel=0.1)  # it bounces on the way
+
+
+def test_only_a_wheel_with_teeth_has_a_margin_to_jump():
+    trajectory, _ = run_of(hoist(duration=0.05))
+    assert [bool(np.isfinite(tooth_jump_margin(trajectory, s).margin).any()) for s in range(3)] == [False, True, False]

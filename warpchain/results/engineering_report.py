@@ -94,9 +94,10 @@ class EngineeringReport:
 
     @cached_property
     def phase_errors(self) -> dict[int, PhaseError]:
-        """Phase error of each driven sprocket."""
+        """Phase error of each driven sprocket with teeth."""
         inside = (self.whole.time >= self.start - 1e-12) & (self.whole.time <= self.end + 1e-12)
-        others = [s for s in range(len(self.model.sprockets)) if s != self.model.driver]
+        driver = self.model.driver
+        others = [s for s, sprocket in enumerate(self.model.sprockets) if s != driver and not sprocket.is_end]
         return {s: phase_error_in_window(self.whole, s, inside) for s in others}
 
     @cached_property

@@ -30,13 +30,16 @@ class JumpMargin(NamedTuple):
 
 
 def tooth_jump_margin(trajectory: Trajectory, s: int) -> JumpMargin:
-    """Margin to tooth jump on a sprocket.
+    """Margin to tooth jump on a sprocket; none of an end, which has no teeth.
 
     Raises:
         SimulationError: recorded without positions or sprocket centers.
     """
     position, sprocket_center = require_channels(trajectory, "position", "sprocket_center")
     model, path = trajectory.model, assembled_path(trajectory.model)
+    if model.sprockets[s].is_end:
+        nothing = np.full(len(position), np.nan)
+        return JumpMargin(nothing, nothing, 1.0)
     top = top_radius(model, s)
     step, wrap = 2.0 * np.pi / model.sprockets[s].teeth, float(path.wrap_angle[s])
     r = np.asarray(position, dtype=float) - sprocket_center[:, None, s]

@@ -50,7 +50,7 @@ def summary_section(chains: Chains, row: Row) -> html.PageSection:
         if held:
             chain = max(held, key=lambda one: held[one])
             boxes.append(("", report_tables.quantity_text(held[chain], "N"), f"{words}, {chain}".rstrip(", ")))
-    if row.get("efficiency") is not None:
+    if row.get("efficiency"):  # of a drive with a load
         boxes.append(("", f"{100.0 * row['efficiency']:.2f} %", "efficiency"))
     least = _least_jump_margins(chains)
     if least:
