@@ -5,6 +5,7 @@ import pytest
 from drives import example
 
 from warpchain.model import Model
+from warpchain.model.friction_coefficients import partner_friction_coefficients
 from warpchain.model.stacks import stacks_of_drives
 from warpchain.results import step_resolution
 from warpchain.results.metric_formulas import number_of_each_drive
@@ -45,7 +46,7 @@ def test_numbers_of_a_stack_are_those_of_each_drive(name):
             *[step_resolution._joint_friction_arm] * drives[0].chain.has_friction,
         ]
         functions += [
-            lambda drive, k=k: step_resolution._partner_friction_coefficient(drive, k) for k in range(partners)
+            lambda drive, k=k: partner_friction_coefficients(drive, k).larger_coefficient for k in range(partners)
         ]
         functions += [lambda drive, k=k: step_resolution._partner_ramp_time(drive, k) for k in range(partners)]
         for function in functions:
