@@ -80,7 +80,7 @@ def _end_rules(drive: Any, sprockets: Sequence[Any]) -> Iterator[Problem]:
             continue
         for key in ON_TEETH:
             value = node_value(sprocket, key)
-            if value is not None and not (key == "teeth" and value is END_TEETH):
+            if value is not None and not (key == "teeth" and value == END_TEETH):
                 yield Problem(
                     ("sprockets", s, key),
                     value if are_numbers(value) else None,

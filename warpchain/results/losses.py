@@ -153,7 +153,7 @@ def tooth_friction_power(trajectory: Trajectory, s: int, near: NDArray[np.intp])
     relative = np.stack([-omega * r[:, 1], omega * r[:, 0]], axis=-1) - v
     n = sprocket_normals(trajectory, s, frame, roller)
     sliding = np.abs(relative[:, 1] * n[:, 0] - relative[:, 0] * n[:, 1])
-    power = friction_coefficient(tooth_friction_coefficients(trajectory.model), sliding) * force * sliding
+    power = friction_coefficient(tooth_friction_coefficients(trajectory.model, s), sliding) * force * sliding
     return np.asarray(np.bincount(frame, power, minlength=len(trajectory.time)), dtype=float)
 
 
