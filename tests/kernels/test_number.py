@@ -565,11 +565,11 @@ def test_metrics_at_float32_take_float64_at_looks_and_ends_only(tmp_path, name):
         common = largest_part_without_float64(ptx)
         assert len(common) > 0.2 * len(loop)  # whose other step and looks are drawn in, too
         assert sum("rsqrt" in line or "sqrt" in line for line in common) > 3
-    # beside it: what is merged every 32 steps, looks, and at the window's ends the energies of rollers, bodies and
-    # tensioners, and what these have metered
+    # beside it: what is merged every 32 steps, looks, and at the window's ends the energies of rollers, by their own
+    # masses, of bodies and tensioners, and what these have metered
     counts = sorted(sum(float64_arithmetic(branch).values()) for branch in branches)
     arms = MEASURING[name].parts.arms
-    assert len(counts) <= 3 + 2 * arms and counts[-1] <= 180 and sum(counts[:-1]) <= 40 + 40 * arms, counts
+    assert len(counts) <= 3 + 2 * arms and counts[-1] <= 180 and sum(counts[:-1]) <= 42 + 40 * arms, counts
 
 
 @wp.kernel(enable_backward=False, module="unique")

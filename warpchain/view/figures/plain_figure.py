@@ -33,10 +33,14 @@ class PlainFigure(Figure):
 
     def draw(self, renderer: Any) -> None:
         """Draws the figure, all texts but ticks as plain text."""
+        self._read_no_formulas()
+        super().draw(renderer)
+
+    def _read_no_formulas(self) -> None:
+        """Has all texts but ticks stand as they are written."""
         for artist in self.get_children():
             for text in _texts_without_ticks(artist):
                 text.set_parse_math(False)
-        super().draw(renderer)
 
     def savefig(self, *args: Any, **settings: Any) -> None:
         """Writes the figure to a file; arguments as of matplotlib's `Figure.savefig`.
@@ -49,6 +53,7 @@ class PlainFigure(Figure):
             return
         dpi = settings.get("dpi", rcParams["savefig.dpi"])
         self.dpi = own if dpi == "figure" else dpi
+        self._read_no_formulas()  # the layout measures texts
         engine.execute(self)
         self.dpi, self.is_laid_out = own, True
         try:
