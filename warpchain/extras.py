@@ -20,6 +20,7 @@ EXTRA_MODULES = {
     "tdms": ("nptdms",),
     "dxf": ("ezdxf",),
     "completions": ("shtab",),
+    "mcp": ("mcp",),
     "surrogate": SURROGATE_MODULES,
     "optimize": (*SURROGATE_MODULES, "pymoo"),
     "calibrate": (*SURROGATE_MODULES, "emcee"),

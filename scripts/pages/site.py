@@ -51,6 +51,7 @@ GROUPS = {
         "modes",
         "modes-validation",
         "scripts",
+        "assistants",
         "stepping",
         "interchange",
         "archive",

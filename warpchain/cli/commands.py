@@ -162,6 +162,13 @@ def metrics_command(arguments: argparse.Namespace) -> int:
     return DONE
 
 
+def explain_command(arguments: argparse.Namespace) -> int:
+    """Body of `warpchain explain`: says what names mean."""
+    from warpchain.cli.explain_command import explanation_lines
+
+    return _print_lines(explanation_lines(arguments.text))
+
+
 def schema_command(arguments: argparse.Namespace) -> int:
     """Body of `warpchain schema`: prints the JSON schema of drive files, study files or output."""
     from warpchain.cli.output_schema import output_schema

@@ -18,6 +18,7 @@ from typing import Any, NoReturn
 from warpchain.cli import commands as do
 from warpchain.cli.better_command import add_better_command
 from warpchain.cli.commands import DONE, UNFINISHED, WRONG
+from warpchain.cli.mcp_server import add_mcp_command
 from warpchain.cli.search_commands import add_calibrate_command, add_optimize_command, add_risk_command
 from warpchain.cli.shared_options import (
     CommandBody,
@@ -143,6 +144,13 @@ def _add_draw_command(commands: Any) -> None:
     parser.add_argument(
         "--watch", action="store_true", help="draw again whenever the drive file is saved, until Ctrl-C"
     )
+
+
+def _add_explain_command(commands: Any) -> None:
+    """Adds `warpchain explain` to the command line."""
+    text = "say what a metric, a key of drive and study files or a limit means, or those that an error's line names"
+    parser = _add_function_command(commands, do.explain_command, text, "warpchain explain tension_q999")
+    parser.add_argument("text", metavar="TEXT", help="one name, or the line of an error")
 
 
 def _add_chains_command(commands: Any) -> None:
@@ -562,6 +570,7 @@ COMMAND_ADDERS = (
     _add_check_command,
     _add_draw_command,
     _add_metrics_command,
+    _add_explain_command,
     _add_chains_command,
     _add_schema_command,
     _add_devices_command,
@@ -582,6 +591,7 @@ COMMAND_ADDERS = (
     add_risk_command,
     add_better_command,
     add_calibrate_command,
+    add_mcp_command,
 )
 """Functions that add a command each to the command line, in the order of the help."""
 

@@ -677,8 +677,10 @@ def metric_table_names(drive: Drive) -> list[str]:
 
 
 def column_of_metric(name: str) -> Column | None:
-    """Registry's column of a metric's name, or None."""
-    return COLUMN_BY_NAME.get(name) or COLUMN_BY_NAME.get(name.rsplit(".", 1)[-1])
+    """Registry's column of a metric's name, which may begin with its chain's or part's, or None."""
+    parts = name.split(".")
+    tails = (".".join(parts[k:]) for k in range(len(parts)))
+    return next((COLUMN_BY_NAME[tail] for tail in tails if tail in COLUMN_BY_NAME), None)
 
 
 def columns_of_metrics(names: Iterable[str]) -> dict[str, Column]:
