@@ -10,7 +10,6 @@ if TYPE_CHECKING:
     from warpchain.archive.options import ArchiveOptions
     from warpchain.assembly import assemble
     from warpchain.drive import Drive, dumps_drive, load_drive, loads_drive
-    from warpchain.engine.fmu import export_fmu
     from warpchain.engine.simulation import simulate
     from warpchain.engine.stepping import stepping
     from warpchain.engine.tensioner_bench import bench_tensioner
@@ -36,7 +35,6 @@ _HOME = {
     "assemble": "assembly",
     "bench_tensioner": "engine.tensioner_bench",
     "dumps_drive": "drive",
-    "export_fmu": "engine.fmu",
     "load_drive": "drive",
     "loads_drive": "drive",
     "modes": "modal",
@@ -64,7 +62,6 @@ __all__ = [
     "assemble",
     "bench_tensioner",
     "dumps_drive",
-    "export_fmu",
     "load_drive",
     "loads_drive",
     "modes",

@@ -53,7 +53,6 @@ GROUPS = {
         "scripts",
         "assistants",
         "stepping",
-        "fmu",
         "interchange",
         "archive",
         "formats",

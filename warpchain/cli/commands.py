@@ -52,7 +52,7 @@ def resumable_command(kept: str) -> Callable[[CommandBody], CommandBody]:
 def _print_lines(lines: Iterable[str]) -> int:
     """Prints a command's lines as they come; returns its exit status, done."""
     for line in lines:
-        print(line)
+        print(line, flush=True)
     return DONE
 
 
@@ -234,6 +234,15 @@ def jump_command(arguments: argparse.Namespace) -> int:
 
     start_warp(precompiled=False)
     return _print_lines(jump_command_lines(_drive_of_arguments(arguments), arguments))
+
+
+def warm_command(arguments: argparse.Namespace) -> int:
+    """Body of `warpchain warm`: compiles kernels."""
+    from warpchain.cli.warm_command import warm_lines
+    from warpchain.engine import start_warp
+
+    start_warp(precompiled=False)
+    return _print_lines(warm_lines(arguments))
 
 
 def run_command(arguments: argparse.Namespace) -> int:
@@ -448,32 +457,18 @@ def report_command(arguments: argparse.Namespace) -> int:
 
 
 def export_command(arguments: argparse.Namespace) -> int:
-    """Body of `warpchain export`: writes an archive, or a drive, for other programs."""
+    """Body of `warpchain export`: writes an archive for other programs."""
     from warpchain.archive.export import export, export_metrics, export_orders
 
-    of_archives = {name: getattr(arguments, name) for name in ("metrics", "orders", "variant")}
-    of_drives = {name: getattr(arguments, name) or None for name in ("inputs", "outputs", "step", "set")}
-    is_fmu = arguments.output.suffix.lower() == ".fmu"
-    for name, value in (of_archives if is_fmu else of_drives).items():
-        if value not in (None, False):
-            raise WarpchainError(
-                f"--{name}: {'only of an archive, not of a drive' if is_fmu else 'only with -o OUT.fmu'}"
-            )
-    if is_fmu:
-        from warpchain.engine.fmu import export_fmu
-
-        ports = {name: getattr(arguments, name) for name in ("inputs", "outputs")}
-        print(export_fmu(_drive_of_arguments(arguments), arguments.output, step=arguments.step, **ports))
-        return DONE
     if arguments.metrics and arguments.orders:
         raise WarpchainError("--orders: not with --metrics")
     if arguments.orders:
-        print(export_orders(arguments.drive, arguments.output, arguments.variant))
+        print(export_orders(arguments.archive, arguments.output, arguments.variant))
         return DONE
     if arguments.metrics:
-        print(export_metrics(arguments.drive, arguments.output))
+        print(export_metrics(arguments.archive, arguments.output))
         return DONE
-    print(export(arguments.drive, arguments.output, variant=arguments.variant))
+    print(export(arguments.archive, arguments.output, variant=arguments.variant))
     return DONE
 
 

@@ -56,13 +56,6 @@ HELP_EXAMPLES = """examples:
 SHELLS = ("bash", "zsh", "fish")
 """Shells that `--completions` knows."""
 
-STEP_OPTION: Any = {
-    "type": number_or_auto_from_word,
-    "metavar": "SECONDS",
-    "help": 'time step, or "auto"; default the drive\'s own',
-}
-"""Option of `run` and `export`, as `add_argument` takes it."""
-
 JSON_HELP = "print JSON, in SI units (warpchain schema output; docs/scripts.md)"
 """Help of the option of `check` and `run`."""
 
@@ -357,7 +350,12 @@ def _add_run_command(commands: Any) -> None:
     parser.add_argument(
         "--duration", type=number_from_word, metavar="SECONDS", help="simulated time; default the drive's own"
     )
-    parser.add_argument("--step", **STEP_OPTION)
+    parser.add_argument(
+        "--step",
+        type=number_or_auto_from_word,
+        metavar="SECONDS",
+        help='time step, or "auto"; default the drive\'s own',
+    )
     parser.add_argument(
         "--window",
         type=number_from_word,
@@ -395,6 +393,17 @@ def _add_run_command(commands: Any) -> None:
         help="change what the run is judged by, such as energy_residual=0.02 (docs/judged-runs.md)",
     )
     parser.add_argument("--strict", action="store_true", help="exit with status 3 if the run is suspect")
+    add_shared_options(parser, "--quiet")
+
+
+def _add_warm_command(commands: Any) -> None:
+    """Adds `warpchain warm` to the command line."""
+    text = "compile the kernels that runs need, so that the first one does not wait for them"
+    parser = _add_function_command(commands, do.warm_command, text, "warpchain warm")
+    drives = "drive files or examples; default one with one chain and one with several, which serves all on a CPU"
+    parser.add_argument("drives", metavar="DRIVE", nargs="*", help=drives)
+    parser.add_argument("--device", default="cpu", help='"cpu", "cuda", "cuda:1"; default cpu')
+    parser.add_argument("--precision", default="float64", choices=["float64", "float32"], help="default float64")
     add_shared_options(parser, "--quiet")
 
 
@@ -475,11 +484,11 @@ def _add_export_command(commands: Any) -> None:
     parser = _add_function_command(
         commands,
         do.export_command,
-        "write for other programs: a drive as an FMU (.fmu); an archive's trajectory (.npz, .csv, .parquet, .h5, "
-        ".mat), its loads on the housing (.unv, .mf4), or its metrics",
-        "warpchain export marine.mcap -o marine.csv\n  warpchain export conveyor -o conveyor.fmu",
+        "write an archive's trajectory for other programs (.npz, .csv, .parquet, .h5, .mat), its loads on the housing "
+        "(.unv, .mf4), or its metrics",
+        "warpchain export marine.mcap -o marine.csv",
     )
-    parser.add_argument("drive", metavar="SOURCE", help="archive (OUT.mcap); for .fmu a drive file, or an example")
+    add_shared_options(parser, "archive")
     parser.add_argument(
         "-o", "--output", metavar="OUT.csv", type=Path, required=True, help="file to write; its ending says how"
     )
@@ -487,12 +496,6 @@ def _add_export_command(commands: Any) -> None:
     orders = "levels of the loads on the housing instead, in dB over the driver's orders (.csv, .parquet)"
     parser.add_argument("--orders", action="store_true", help=orders)
     add_shared_options(parser, "--variant")
-    text = "inputs of the FMU, such as driven.load_torque; default the torques of all loads; none with no name"
-    parser.add_argument("--inputs", metavar="PART.KIND", nargs="*", help=text)
-    text = "outputs of the FMU, such as tension or driven.sprocket_speed; default all but those of rollers and links"
-    parser.add_argument("--outputs", metavar="CHANNEL", nargs="+", help=text)
-    parser.add_argument("--step", **STEP_OPTION)
-    add_shared_options(parser, "--set")
 
 
 def _add_import_command(commands: Any) -> None:
@@ -587,6 +590,7 @@ COMMAND_ADDERS = (
     _add_tensioner_command,
     _add_jump_command,
     _add_run_command,
+    _add_warm_command,
     _add_view_command,
     _add_plot_command,
     _add_report_command,
