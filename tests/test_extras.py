@@ -16,7 +16,7 @@ from warpchain import extras
 
 ROOT = Path(__file__).resolve().parent.parent
 OPTIONAL = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["optional-dependencies"]
-WITHOUT_CODE = {"mcap", "codes", "docs", "notebook", "release", "test", "dev"}
+WITHOUT_CODE = {"mcap", "fmu", "codes", "docs", "notebook", "release", "test", "dev"}
 """Extras that no code of the package imports: other programs' readers, checks, documents, development."""
 
 

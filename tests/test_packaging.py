@@ -76,7 +76,7 @@ def test_wheels_hold_the_sources_and_nothing_else(wheels):
         f"warpchain/{path.relative_to(ROOT / 'warpchain')}": path.read_bytes()
         for folder in (ROOT / "warpchain", ROOT / "warpchain" / "kernels")
         for path in folder.rglob("*")
-        if path.suffix in (".py", ".toml", ".typed", ".css", ".js", ".json")
+        if path.suffix in (".py", ".c", ".toml", ".typed", ".css", ".js", ".json")
     }
     for name in ("py.typed", "files.py", "kernels/physics/link.py", "drive/examples/marine.toml"):
         assert f"warpchain/{name}" in sources

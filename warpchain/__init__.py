@@ -10,6 +10,7 @@ if TYPE_CHECKING:
     from warpchain.archive.options import ArchiveOptions
     from warpchain.assembly import assemble
     from warpchain.drive import Drive, dumps_drive, load_drive, loads_drive
+    from warpchain.engine.fmu import export_fmu
     from warpchain.engine.simulation import simulate
     from warpchain.engine.stepping import stepping
     from warpchain.engine.tensioner_bench import bench_tensioner
@@ -35,6 +36,7 @@ _HOME = {
     "assemble": "assembly",
     "bench_tensioner": "engine.tensioner_bench",
     "dumps_drive": "drive",
+    "export_fmu": "engine.fmu",
     "load_drive": "drive",
     "loads_drive": "drive",
     "modes": "modal",
@@ -62,6 +64,7 @@ __all__ = [
     "assemble",
     "bench_tensioner",
     "dumps_drive",
+    "export_fmu",
     "load_drive",
     "loads_drive",
     "modes",

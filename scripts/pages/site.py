@@ -53,6 +53,7 @@ GROUPS = {
         "scripts",
         "assistants",
         "stepping",
+        "fmu",
         "interchange",
         "archive",
         "formats",

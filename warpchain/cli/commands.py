@@ -457,18 +457,32 @@ def report_command(arguments: argparse.Namespace) -> int:
 
 
 def export_command(arguments: argparse.Namespace) -> int:
-    """Body of `warpchain export`: writes an archive for other programs."""
+    """Body of `warpchain export`: writes an archive, or a drive, for other programs."""
     from warpchain.archive.export import export, export_metrics, export_orders
 
+    of_archives = {name: getattr(arguments, name) for name in ("metrics", "orders", "variant")}
+    of_drives = {name: getattr(arguments, name) or None for name in ("inputs", "outputs", "step", "set")}
+    is_fmu = arguments.output.suffix.lower() == ".fmu"
+    for name, value in (of_archives if is_fmu else of_drives).items():
+        if value not in (None, False):
+            raise WarpchainError(
+                f"--{name}: {'only of an archive, not of a drive' if is_fmu else 'only with -o OUT.fmu'}"
+            )
+    if is_fmu:
+        from warpchain.engine.fmu import export_fmu
+
+        ports = {name: getattr(arguments, name) for name in ("inputs", "outputs")}
+        print(export_fmu(_drive_of_arguments(arguments), arguments.output, step=arguments.step, **ports))
+        return DONE
     if arguments.metrics and arguments.orders:
         raise WarpchainError("--orders: not with --metrics")
     if arguments.orders:
-        print(export_orders(arguments.archive, arguments.output, arguments.variant))
+        print(export_orders(arguments.drive, arguments.output, arguments.variant))
         return DONE
     if arguments.metrics:
-        print(export_metrics(arguments.archive, arguments.output))
+        print(export_metrics(arguments.drive, arguments.output))
         return DONE
-    print(export(arguments.archive, arguments.output, variant=arguments.variant))
+    print(export(arguments.drive, arguments.output, variant=arguments.variant))
     return DONE
 
 

@@ -56,6 +56,13 @@ HELP_EXAMPLES = """examples:
 SHELLS = ("bash", "zsh", "fish")
 """Shells that `--completions` knows."""
 
+STEP_OPTION: Any = {
+    "type": number_or_auto_from_word,
+    "metavar": "SECONDS",
+    "help": 'time step, or "auto"; default the drive\'s own',
+}
+"""Option of `run` and `export`, as `add_argument` takes it."""
+
 JSON_HELP = "print JSON, in SI units (warpchain schema output; docs/scripts.md)"
 """Help of the option of `check` and `run`."""
 
@@ -350,12 +357,7 @@ def _add_run_command(commands: Any) -> None:
     parser.add_argument(
         "--duration", type=number_from_word, metavar="SECONDS", help="simulated time; default the drive's own"
     )
-    parser.add_argument(
-        "--step",
-        type=number_or_auto_from_word,
-        metavar="SECONDS",
-        help='time step, or "auto"; default the drive\'s own',
-    )
+    parser.add_argument("--step", **STEP_OPTION)
     parser.add_argument(
         "--window",
         type=number_from_word,
@@ -484,11 +486,11 @@ def _add_export_command(commands: Any) -> None:
     parser = _add_function_command(
         commands,
         do.export_command,
-        "write an archive's trajectory for other programs (.npz, .csv, .parquet, .h5, .mat), its loads on the housing "
-        "(.unv, .mf4), or its metrics",
-        "warpchain export marine.mcap -o marine.csv",
+        "write for other programs: a drive as an FMU (.fmu); an archive's trajectory (.npz, .csv, .parquet, .h5, "
+        ".mat), its loads on the housing (.unv, .mf4), or its metrics",
+        "warpchain export marine.mcap -o marine.csv\n  warpchain export conveyor -o conveyor.fmu",
     )
-    add_shared_options(parser, "archive")
+    parser.add_argument("drive", metavar="SOURCE", help="archive (OUT.mcap); for .fmu a drive file, or an example")
     parser.add_argument(
         "-o", "--output", metavar="OUT.csv", type=Path, required=True, help="file to write; its ending says how"
     )
@@ -496,6 +498,12 @@ def _add_export_command(commands: Any) -> None:
     orders = "levels of the loads on the housing instead, in dB over the driver's orders (.csv, .parquet)"
     parser.add_argument("--orders", action="store_true", help=orders)
     add_shared_options(parser, "--variant")
+    text = "inputs of the FMU, such as driven.load_torque; default the torques of all loads; none with no name"
+    parser.add_argument("--inputs", metavar="PART.KIND", nargs="*", help=text)
+    text = "outputs of the FMU, such as tension or driven.sprocket_speed; default all but those of rollers and links"
+    parser.add_argument("--outputs", metavar="CHANNEL", nargs="+", help=text)
+    parser.add_argument("--step", **STEP_OPTION)
+    add_shared_options(parser, "--set")
 
 
 def _add_import_command(commands: Any) -> None:

@@ -53,6 +53,26 @@ def load_cpu_kernels(modules: Sequence[Any], report: ProgressReport) -> Iterator
         wait_for(loads)
 
 
+PORTABLE_PROCESSOR = "x86-64-v3"
+"""Processors that a portable object file runs on: with AVX2, FMA and BMI2."""
+
+
+def portable_object(kernel: wp.Kernel) -> tuple[Path, str]:
+    """Object file of a CPU kernel for any `PORTABLE_PROCESSOR`, compiled unless Warp's cache has it, and its symbol."""
+    import warp as wp
+
+    module = kernel.module
+    flags = str(wp.config.cpu_compiler_flags or "-march=native")
+    before = {name: module.options[name] for name in ("cpu_compiler_flags", "block_dim")}
+    portable = flags.replace("-march=native", f"-target-cpu {PORTABLE_PROCESSOR}")
+    wp.set_module_options({"cpu_compiler_flags": portable, "block_dim": 1}, module)
+    try:
+        (path,) = wp.compile_aot_module(module, "cpu")
+        return path, f"{kernel.get_mangled_name()}_cpu_forward"
+    finally:
+        wp.set_module_options(before, module)
+
+
 class KernelSpec(NamedTuple):
     """Specification of a kernel to compile."""
 

@@ -105,16 +105,20 @@ class CpuEngine(Engine):
     def _step_here(self, steps: int, frames: wp.array) -> None:
         """Takes all rows so many steps on in this thread, by a launch recorded before."""
         if self._recorded is None or self._recorded[1] is not frames:
-            inputs = [self.ensemble, self.state, self.cpu_sums, frames, self._scratch.get(), 0, steps]
-            kernel = self._kernel("advance")
-            command = wp.launch(kernel, self.variants, inputs=inputs, device="cpu", block_dim=1, record_cmd=True)
-            self._recorded = command, frames, steps
-            self._scratch.put(inputs[4])
+            self._recorded = self.recorded_launch(frames, steps)[0], frames, steps
         command, _, before = self._recorded
         if steps != before:
             command.set_param_at_index(STEPS_PARAMETER, steps)
             self._recorded = command, frames, steps
         command.launch()
+
+    def recorded_launch(self, frames: wp.array, steps: int) -> tuple[Any, wp.array]:
+        """Launch of the kernel "advance" over all rows, not made yet, and its scratch."""
+        scratch = self._scratch.get()
+        self._scratch.put(scratch)
+        inputs = [self.ensemble, self.state, self.cpu_sums, frames, scratch, 0, steps]
+        kernel = self._kernel("advance")
+        return wp.launch(kernel, self.variants, inputs=inputs, device="cpu", block_dim=1, record_cmd=True), scratch
 
     def start_settling(self, settling: NDArray[Any]) -> None:
         self._settling = wp.array(settling, dtype=relaxation.Settling, device="cpu")

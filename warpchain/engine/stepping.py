@@ -34,6 +34,7 @@ if TYPE_CHECKING:
 
     from warpchain.engine.arrays import Engine
     from warpchain.engine.input_ports import InputPort
+    from warpchain.engine.output_ports import OutputPort
     from warpchain.engine.subensemble import DeviceSettings, Subensemble
 
 SHORTEST_PIECE = 1.0 - 1e-9
@@ -254,6 +255,10 @@ class SteppedRun:
         if self._engine is None:
             raise SimulationError(f"stepping: the run {self._state}")
         return self._engine
+
+    def launch_parts(self) -> tuple[Engine, Any, Mapping[str, InputPort], Mapping[str, OutputPort]]:
+        """Engine and buffer of frames that launches take, and the inputs and outputs by name: to export the run."""
+        return self._running, self._frames, self._inputs, self._outputs
 
     def _of_variants(self, values: NDArray[Any]) -> Any:
         """Values (V, ...) as they are handed out: of one drive without the axis of variants."""
