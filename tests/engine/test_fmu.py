@@ -16,6 +16,7 @@ from fmus import ERROR, Fmu, Slave
 from parts import coupling, shaft
 
 from warpchain import Record, export_fmu, loads_drive, simulate, stepping
+from warpchain.drive.examples import example_names
 from warpchain.drive.toml import toml_text
 from warpchain.results.channels import CHANNEL_BY_NAME
 
@@ -57,7 +58,14 @@ def recorded_value(trajectory, name, frame):
     return float(value if axis is None else value[axis])
 
 
-@pytest.mark.parametrize("name", ["two", "car", pytest.param("v6", marks=pytest.mark.long)])
+OTHERS = sorted({*example_names()} - {"car", "v6"})
+
+
+@pytest.mark.parametrize(
+    "name",
+    ["two", "car", pytest.param("v6", marks=pytest.mark.long)]
+    + [pytest.param(name, marks=pytest.mark.thorough) for name in OTHERS],
+)
 def test_in_any_pieces_it_has_the_bits_of_simulate(name, exported):
     drive = two_sprockets() if name == "two" else example(name)
     fmu = exported(
@@ -67,10 +75,11 @@ def test_in_any_pieces_it_has_the_bits_of_simulate(name, exported):
     recorded = simulate(drive, device="cpu", duration=600 * step, record=Record(rate=1.0 / (EVERY * step)))[0]
     slave = Slave(fmu).initialize()
     names = fmu.outputs()
-    assert len(names) == {"two": 60 + 120 + 2 + 4, "car": 25, "v6": 62}[name]
+    assert len(names) == {"two": 60 + 120 + 2 + 4, "car": 25, "v6": 62}.get(name, len(names))
 
     def compare(frame):
-        assert slave.get(*names) == [recorded_value(recorded, each, frame) for each in names], frame
+        theirs = [recorded_value(recorded, each, frame) for each in names]
+        np.testing.assert_array_equal(slave.get(*names), theirs, err_msg=str(frame))
 
     compare(0)
     for before, after in pairwise([0, *CUTS]):
@@ -354,6 +363,19 @@ def test_it_needs_no_package_and_no_library_but_those_of_c(plain, tmp_path):
     words = [str(Path(fmus.__file__).parent), str(path), str(tmp_path / "unpacked")]
     done = subprocess.run([sys.executable, "-I", "-c", code, *words], cwd="/", capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
+
+
+def test_any_name_of_a_part_goes_through_xml_and_c(tmp_path):
+    name = 'Räd "x" <&> %d?'
+    values = two_sprockets().model_dump(mode="json", exclude_none=True)
+    values["sprockets"][1]["name"] = name
+    fmu = Fmu(export_fmu(loads_drive(toml_text(values)), tmp_path / "ü b-1.fmu", step=H), tmp_path / "unpacked")
+    slave = Slave(fmu).initialize()
+    slave.set({f"{name}.load_torque": math.inf}, status=ERROR)
+    assert slave.lines == [f"{name}.load_torque = inf: must be a finite number, at least -inf"]
+    slave.do_step(100 * H)
+    assert slave.get(f"{name}.sprocket_speed") > 0.0
+    slave.free()
 
 
 def test_the_same_drive_has_the_same_file(tmp_path):

@@ -144,11 +144,10 @@ def _linked_library(compiler: Sequence[str], code: Path, parts: dict[str, bytes]
     with tempfile.TemporaryDirectory(prefix="warpchain-fmu-") as folder:
         for name, content in (parts | {"exported.map": EXPORTED.encode()}).items():
             Path(folder, name).write_bytes(content)
-        flags = ["-std=gnu11", "-O2", "-ffp-contract=off", "-fPIC", "-shared", "-s", "-I", folder, f"-Wa,-I,{folder}"]
-        link = ["-Wl,-z,defs", f"-Wl,--version-script={folder}/exported.map", "-lm", "-o", f"{folder}/fmu.so"]
-        done = subprocess.run(
-            [*compiler, *flags, str(SHELL), str(code), *link], capture_output=True, text=True, errors="replace"
-        )
+        flags = ["-std=gnu11", "-O2", "-ffp-contract=off", "-fPIC", "-shared", "-s", "-I", "."]
+        link = ["-Wl,-z,defs", "-Wl,--version-script=exported.map", "-lm", "-o", "fmu.so"]
+        words = [*compiler, *flags, str(SHELL), str(code), *link]
+        done = subprocess.run(words, cwd=folder, capture_output=True, text=True, errors="replace")
         if done.returncode != 0:
             lines = done.stderr.splitlines() or [f"exit status {done.returncode}"]
             line = next((line for line in lines if "error" in line), lines[-1])

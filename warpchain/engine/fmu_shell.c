@@ -5,6 +5,7 @@
    beside this file at an export, says where they stand. Offsets are in bytes from the image's begin. Step n evaluates
    the forces at t = n h and moves everything on to t + h. */
 #define _GNU_SOURCE
+#include <cpuid.h>
 #include <math.h>
 #include <stdarg.h>
 #include <stdbool.h>
@@ -281,6 +282,15 @@ EXPORT fmi3Status fmi3SetDebugLogging(void *instance, bool is_on, size_t count, 
     return fmi3OK;
 }
 
+/* Whether the processor has the instructions of the kernel's object code. */
+static bool has_instructions(void)
+{
+    unsigned int a, b, c, d, first;
+    if (!__get_cpuid(1, &a, &b, &first, &d) || !__get_cpuid_count(7, 0, &a, &b, &c, &d))
+        return false;
+    return (first & bit_FMA) && (first & bit_OSXSAVE) && (b & bit_AVX2) && (b & bit_BMI2);
+}
+
 EXPORT void *fmi3InstantiateCoSimulation(
     const char *name, const char *token, const char *resources, bool is_visible, bool is_logging, bool uses_events,
     bool returns_early, const fmi3ValueReference wanted[], size_t count, void *environment, LogMessage log,
@@ -292,11 +302,10 @@ EXPORT void *fmi3InstantiateCoSimulation(
     if (!of)
         return NULL;
     of->environment = environment, of->log = log;
-    __builtin_cpu_init();
     const char *lacking = NULL;
     if (!token || strcmp(token, TOKEN))
         lacking = "the instantiation token is of another FMU";
-    else if (!(__builtin_cpu_supports("avx2") && __builtin_cpu_supports("fma") && __builtin_cpu_supports("bmi2")))
+    else if (!has_instructions())
         lacking = "needs a processor with AVX2, FMA and BMI2 (x86-64-v3)";
     else if (!(of->image = aligned_alloc(64, IMAGE_BYTES)))
         lacking = "no memory is left";
