@@ -14,10 +14,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from warpchain.engine.arrays import ARRAYS
+from warpchain.engine.arrays import ARRAYS, dtype_of
 from warpchain.engine.cpu import CpuEngine
-from warpchain.engine.input_ports import InputPort, own_center, packed_array
+from warpchain.engine.input_ports import CELL, InputPort, own_center, packed_array
 from warpchain.engine.output_ports import OutputPort
+from warpchain.kernels.structs import Tabulated
 from warpchain.results.schedule import MOST_STEPS
 
 ALIGNMENT = 64
@@ -104,6 +105,8 @@ def image_header(
         "TABLES": image.places["ensemble", "tables"],
         "FRAMES": image.places["frames"],
         "FRAME_INTERVAL": image.places["ensemble", "drives"] + drives.dtype.fields["frame_interval"][1],
+        "CELL": CELL,
+        "ROW_BYTES": dtype_of(Tabulated).itemsize,
         "DRIVES": len(drives),
         "DRIVE_BYTES": drives.dtype.itemsize,
         "INPUTS": len(inputs),

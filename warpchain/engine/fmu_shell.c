@@ -55,7 +55,7 @@ typedef struct {
 
 #include "drive.h"
 
-enum { CELL = 5, TABLE_VALUES = 6 };
+_Static_assert(sizeof(Row) == ROW_BYTES, "a table is not as kernels have it");
 
 /* Image of the state after assembly and settling, without scratch. */
 __asm__(".section .rodata\n.balign 64\n"
@@ -227,7 +227,7 @@ static void apply_input(Instance *of, int i, double piece)
     }
     for (int k = 0; k < input->axes && input->kind != NUMBER; ++k) {
         double way = next.after[k] - next.before[k], pace = next.pace[k];
-        double cell[TABLE_VALUES - 1] = {next.before[k], way, 0.0, 0.0, next.turned};
+        double cell[CELL] = {next.before[k], way, 0.0, 0.0, next.turned};
         if (is_led)
             cell[1] = pace, cell[2] = 3.0 * way - 2.0 * pace, cell[3] = pace - 2.0 * way;
         memcpy(tables + input->places[k], cell, sizeof cell);
