@@ -2,6 +2,7 @@
 
 import dataclasses
 
+import chains
 import numpy as np
 import pyarrow as pa
 import pytest
@@ -22,11 +23,12 @@ from warpchain.view.palette import (
     curve_colors,
     packed_tension_colors,
     tension_color_steps,
+    tension_color_table,
     tension_scale_top,
     variant_shades,
 )
 from warpchain.view.recorded_variants import compared_variants, legend_titles, recorded_variant, varied_inputs
-from warpchain.view.rerun.chart import BACKGROUND_COLOR
+from warpchain.view.rerun.chart import BACKGROUND_COLOR, WIDE_CHART
 from warpchain.view.rerun.drive_scene import log_drive
 from warpchain.view.rerun.run_playback import log_recording, playback_seconds, time_panel
 from warpchain.view.rerun.signal_charts import curve_axis_range, log_curves, log_tension_image, recorded_curves
@@ -229,6 +231,46 @@ def test_comparison_and_ensemble_are_logged(run):
     scatters = {path.split("/")[3] for path in spy.static if path.startswith("/ensemble/sprockets.driven.load.torque")}
     assert any("tension_max" in name for name in scatters)
     assert len(scatters) == 4
+
+
+def test_the_image_of_tension_has_a_bar_of_its_colors(run):
+    """Red at the top, blue at the foot, and ticks where their values are on it, a square to the right of the image."""
+    spy = Spy()
+    log_tension_image(spy, "a", run[0], run[0], 100, 2000.0)
+    scale, image, *_ = spy.static["/a/tension\\ image/color\\ bar"]
+    table = tension_color_table()
+    width, height = (
+        image.format.as_arrow_array()[0].as_py()["width"],
+        image.format.as_arrow_array()[0].as_py()["height"],
+    )
+    pixels = np.frombuffer(bytes(image.buffer.as_arrow_array()[0].as_py()), np.uint8).reshape(height, width, 3)
+    np.testing.assert_array_equal(pixels[:, 0], table[::-1, :3])
+    (left, top, _), (across, down, _) = (part.as_arrow_array()[0].as_py() for part in (scale.translation, scale.scale))
+    assert top == 0.0 and down * height == pytest.approx(1.0) and left > WIDE_CHART and across < 0.1
+    ticks = spy.static["/a/tension\\ image/color\\ ticks"][0]
+    words = ticks.labels.as_arrow_array().to_pylist()
+    heights = [1.0 - y - 0.035 for _, y in ticks.positions.as_arrow_array().to_pylist()]
+    np.testing.assert_allclose(heights, [float(word) / 2000.0 for word in words], atol=1e-6)
+    assert words[0] == "0" and words[-1] == "2000"
+
+
+def test_sprockets_about_one_center_have_one_label():
+    """The pictures of the whole drive have that of both, and not their own; each chain's alone keeps its own."""
+    run, spy = simulate(chains.two_stages(duration=0.01), device="cpu"), Spy()
+    blueprint = log_recording(spy, compared_variants(run, None, []))
+    label, *_ = spy.static["/shafts/mid\\ in"]
+    assert label.labels.as_arrow_array().to_pylist() == ["mid in\nmid out"]
+    assert [path for path in spy.static if path.startswith("/shafts/")] == ["/shafts/mid\\ in"]
+    for chain, name in (("first", "mid\\ in"), ("second", "mid\\ out")):
+        assert f"/variant\\ 0\\ {chain}/drive/sprockets/{name}/name" in spy.static
+    drive, alone, overlaid = (
+        [part.contents for part in tab.contents if isinstance(part, rr.blueprint.Spatial2DView)]
+        for tab in blueprint.root_container.contents[:3]
+    )
+    for (contents,) in (drive, overlaid):
+        assert "+ /shafts/**" in contents
+        assert "- /variant\\ 0\\ first/drive/sprockets/mid\\ in/name" in contents
+    assert len(alone) == 2 and not any("/shafts" in str(contents) for contents in alone)
 
 
 def test_refusals_in_one_line(run, tmp_path, capsys):

@@ -19,8 +19,10 @@ if TYPE_CHECKING:
 INK_COLOR, GRID_COLOR = (200, 200, 200), (60, 60, 60)
 BACKGROUND_COLOR = (13, 14, 16)
 """Background color of Rerun's 2D views."""
-WIDE_CHART = 3.6
+WIDE_CHART = 4.4
 """Width over height of charts that fill a Rerun tab."""
+BAR_WIDTH = 0.06
+"""Width of a color bar beside a chart."""
 MOST_INPUTS, MOST_METRICS = 3, 4
 """Most inputs and metrics of scatters where none are named."""
 SCATTER_WIDTH = 1.1
@@ -152,6 +154,18 @@ class Chart:
         path = entity_path(*self.path, name)
         scale = rr.Transform3D(scale=[self.width / pixels.shape[1], 1.0 / pixels.shape[0], 1.0])
         self.stream.log(path, scale, rr.Image(pixels, draw_order=-10.0), static=True)
+
+    def log_color_bar(self, pixels: NDArray[np.uint8], values: ChartAxis) -> None:
+        """Logs a bar of colors (rows, 1, 3) right of the chart, from above, with ticks and a label to Rerun."""
+        import rerun as rr
+
+        left = self.width + 0.08
+        scale = rr.Transform3D(translation=[left, 0.0, 0.0], scale=[BAR_WIDTH, 1.0 / len(pixels), 1.0])
+        self.stream.log(entity_path(*self.path, "color bar"), scale, rr.Image(pixels, draw_order=-10.0), static=True)
+        ticks = values.tick_values(4)
+        at = np.stack([np.full(len(ticks), left + BAR_WIDTH + 0.13), 1.0 - values.axis_shares(ticks) - 0.035], axis=1)
+        self._log_words("color ticks", at, [f"{tick:g}" for tick in ticks], INK_COLOR)
+        self._log_words("color label", np.array([[left + 0.5 * BAR_WIDTH, -0.06]]), [values.label], INK_COLOR)
 
     def log_cursor(self, name: str, time: NDArray[np.floating]) -> None:
         """Logs a cursor to Rerun that runs along the chart with the playback."""

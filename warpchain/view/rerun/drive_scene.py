@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -29,6 +29,8 @@ if TYPE_CHECKING:
 ARROW_LENGTH = 0.12
 """Length of the longest contact-force arrow in Rerun over the drive's size."""
 STEEL, PLATES = (150, 155, 165), (105, 105, 110)
+COMMON_NAMES = "shafts"
+"""Rerun's entity above the names of sprockets about one center."""
 DRAWN_FIRST = 5.0
 """Rerun's draw order of parts below the rollers."""
 
@@ -55,6 +57,33 @@ def log_drive(
     _log_arms(stream, root, shown)
     _log_tensioners(stream, root, shown)
     _log_contact_arrows(stream, root, shown, x)
+
+
+def sprockets_about_one_center(chains: Sequence[Trajectory]) -> list[list[tuple[int, int]]]:
+    """Numbers (chain, sprocket) of sprockets that stand about the same center, for each center of two or more."""
+    groups: list[tuple[NDArray[np.floating], list[tuple[int, int]]]] = []
+    for c, chain in enumerate(chains):
+        for s, center in enumerate(require_channels(chain, "sprocket_center")[0][0]):
+            held = next((members for place, members in groups if np.allclose(place, center)), None)
+            if held is None:
+                groups.append((center, [(c, s)]))
+            else:
+                held.append((c, s))
+    return [members for _, members in groups if len(members) > 1]
+
+
+def log_common_names(stream: rr.RecordingStream, chains: Sequence[Trajectory]) -> None:
+    """Logs the names of sprockets about one center to Rerun below `COMMON_NAMES`, in one label that moves with them."""
+    import rerun as rr
+
+    for members in sprockets_about_one_center(chains):
+        names = [chains[c].model.sprockets[s].name for c, s in members]
+        path = entity_path(COMMON_NAMES, names[0])
+        label = rr.Points2D([[0.0, 0.0]], labels=["\n".join(names)], radii=[0.0], colors=[STEEL], show_labels=True)
+        stream.log(path, label, static=True)
+        c, s = members[0]
+        center = require_channels(chains[c], "sprocket_center")[0][:, s]
+        _log_turning(stream, path, chains[c], center, np.zeros(len(center)))
 
 
 def log_chain_outline(stream: rr.RecordingStream, path: str, shown: Trajectory, color: tuple[int, int, int]) -> None:

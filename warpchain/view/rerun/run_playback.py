@@ -23,7 +23,14 @@ from warpchain.view.recorded_variants import (
     variants_by_chain,
 )
 from warpchain.view.rerun.chart import BACKGROUND_COLOR, WIDE_CHART, Chart
-from warpchain.view.rerun.drive_scene import log_chain_outline, log_drive, thinned_trajectory
+from warpchain.view.rerun.drive_scene import (
+    COMMON_NAMES,
+    log_chain_outline,
+    log_common_names,
+    log_drive,
+    sprockets_about_one_center,
+    thinned_trajectory,
+)
 from warpchain.view.rerun.ensemble_scatters import log_ensemble
 from warpchain.view.rerun.signal_charts import (
     CURVE_GROUPS,
@@ -70,7 +77,6 @@ def playback_blueprint(
     import rerun.blueprint as rrb
 
     roots = [one.label for one in shown]
-    scale = f"from blue (0 N) to red ({top:,.0f} N)".replace(",", " ")
 
     def curve_views(*groups: str) -> list[rrb.TimeSeriesView]:
         """Rerun's time series views of groups of curves."""
@@ -84,32 +90,12 @@ def playback_blueprint(
             for group in groups
         ]
 
-    look: dict[str, Any] = {"visual_bounds": _drive_bounds(shown), "background": BACKGROUND_COLOR}
-    titles = {
-        root: f"{title}: link tension {scale}" if title else f"link tension {scale}"
-        for root, title in zip(roots, legend_titles(shown), strict=True)
-    }
-    drives = [rrb.Spatial2DView(origin=entity_path(root, "drive"), name=titles[root], **look) for root in roots]
     beside = rrb.Vertical(*curve_views("tension", "contact", "displacement"))
-    tabs: list[rrb.Container | rrb.View] = []
-    if len(roots) == 1:
-        tabs.append(rrb.Horizontal(drives[0], beside, column_shares=[2, 3], name="drive"))
-    else:
-        of_first = [one.label for one in shown if one.index == shown[0].index and one.run is shown[0].run]
-        if len(of_first) > 1:  # chains of one drive
-            whole = [f"+ {entity_path(root, 'drive')}/**" for root in of_first]
-            name = f"all chains: link tension {scale}"
-            picture = rrb.Spatial2DView(origin="/", contents=whole, name=name, **look)
-            tabs.append(rrb.Horizontal(picture, beside, column_shares=[2, 3], name="drive"))
-        tabs.append(rrb.Horizontal(*drives, name="side by side"))
-        overlay = rrb.Spatial2DView(
-            origin="/",
-            contents=["+ /overlaid/**", *(f"+ {entity_path(root, 'drive', 'sprockets')}/**" for root in of_first)],
-            name="chains overlaid (zoom in to tell them apart)",
-            visual_bounds=look["visual_bounds"],
-        )
-        tabs.append(rrb.Horizontal(overlay, beside, column_shares=[2, 3], name="overlaid"))
-    pictures = [chart.chart_view(title) for chart, title in zip(images, titles.values(), strict=True)]
+    tabs = _drive_tabs(shown, beside, top)
+    along = [
+        f"{title}: tension along the chain" if title else "tension along the chain" for title in legend_titles(shown)
+    ]
+    pictures = [chart.chart_view(name) for chart, name in zip(images, along, strict=True)]
     tabs.append(rrb.Vertical(*pictures, *curve_views("strand tension"), name="tension along the chain"))
     rubs = ("friction",) if any(one.trajectory.joint_friction_power is not None for one in shown) else ()
     tabs.append(rrb.Vertical(*curve_views("contact", "moment", *rubs), name="contact forces"))
@@ -139,6 +125,59 @@ def playback_blueprint(
         auto_views=False,
         collapse_panels=True,
     )
+
+
+def _drive_tabs(shown: Sequence[RecordedVariant], beside: rrb.Vertical, top: float) -> list[rrb.Container | rrb.View]:
+    """Rerun's tabs of the drive in motion, with curves `beside` it; colors up to `top` [N]."""
+    import rerun.blueprint as rrb
+
+    roots = [one.label for one in shown]
+    scale = f"from blue (0 N) to red ({top:,.0f} N)".replace(",", " ")
+    look: dict[str, Any] = {"visual_bounds": _drive_bounds(shown), "background": BACKGROUND_COLOR}
+    titles = {
+        root: f"{title}: link tension {scale}" if title else f"link tension {scale}"
+        for root, title in zip(roots, legend_titles(shown), strict=True)
+    }
+    drives = [rrb.Spatial2DView(origin=entity_path(root, "drive"), name=titles[root], **look) for root in roots]
+    tabs: list[rrb.Container | rrb.View] = []
+    if len(roots) == 1:
+        tabs.append(rrb.Horizontal(drives[0], beside, column_shares=[2, 3], name="drive"))
+    else:
+        chains = chains_of_first(shown)
+        of_first, names = [one.label for one in chains], _common_name_contents(chains)
+        if len(of_first) > 1:  # chains of one drive
+            whole = [*(f"+ {entity_path(root, 'drive')}/**" for root in of_first), *names]
+            name = f"all chains: link tension {scale}"
+            picture = rrb.Spatial2DView(origin="/", contents=whole, name=name, **look)
+            tabs.append(rrb.Horizontal(picture, beside, column_shares=[2, 3], name="drive"))
+        tabs.append(rrb.Horizontal(*drives, name="side by side"))
+        overlay = rrb.Spatial2DView(
+            origin="/",
+            contents=[
+                "+ /overlaid/**",
+                *(f"+ {entity_path(root, 'drive', 'sprockets')}/**" for root in of_first),
+                *names,
+            ],
+            name="chains overlaid (zoom in to tell them apart)",
+            visual_bounds=look["visual_bounds"],
+        )
+        tabs.append(rrb.Horizontal(overlay, beside, column_shares=[2, 3], name="overlaid"))
+    return tabs
+
+
+def _common_name_contents(chains: Sequence[RecordedVariant]) -> list[str]:
+    """Contents of a Rerun view that name sprockets about one center once."""
+    found = [f"+ /{COMMON_NAMES}/**"]
+    for members in sprockets_about_one_center([one.trajectory for one in chains]):
+        for c, s in members:
+            name = chains[c].trajectory.model.sprockets[s].name
+            found.append(f"- {entity_path(chains[c].label, 'drive', 'sprockets', name, 'name')}")
+    return found
+
+
+def chains_of_first(shown: Sequence[RecordedVariant]) -> list[RecordedVariant]:
+    """Chains of the first of the variants shown."""
+    return [one for one in shown if one.index == shown[0].index and one.run is shown[0].run]
 
 
 def playback_seconds(trajectory: Trajectory) -> float:
@@ -261,6 +300,7 @@ def log_recording(
         if several:
             outline = thinned_trajectory(one.trajectory, frames)
             log_chain_outline(stream, entity_path("overlaid", one.label), outline, color)
+    log_common_names(stream, [thinned_trajectory(one.trajectory, frames) for one in chains_of_first(shown)])
     for line in log_measured_signals(stream, shown[0].label, measured, frames):
         lines.setdefault(STRAND_TENSION_TITLE, []).append(line)
     teeth = [one.trajectory.parts.sprockets[one.trajectory.parts.driver].teeth for one in shown]

@@ -172,17 +172,24 @@ def log_tension_image(
     """Logs the tension of all links over time to Rerun as an image `width` times as wide as high; returns its chart."""
     (tension,) = require_channels(trajectory, "tension")
     _, peaks = peaks_over_time(tension, min(budget, MOST_COLUMNS))
-    packed = packed_tension_colors(tension_color_steps(np.ascontiguousarray(peaks.T[::-1]), top))
-    pixels = np.ascontiguousarray(packed.astype(">u4").view(np.uint8).reshape(*packed.shape, 4)[..., :3])
+    pixels = _tension_pixels(tension_color_steps(np.ascontiguousarray(peaks.T[::-1]), top))
     axes = (
         ChartAxis("time [s]", 0.0, float(trajectory.time[-1])),
         ChartAxis("link", 0.0, float(trajectory.parts.chain.links)),
     )
-    chart = Chart(stream, (root, "tension image"), *axes, width=width)
+    chart = Chart(stream, (root, "tension image"), *axes, width=width, beside=0.4)
     chart.log_image("image", pixels)
     chart.log_frame(grid=False)
+    bar = _tension_pixels(np.arange(255, -1, -1, dtype=np.uint8)[:, None])
+    chart.log_color_bar(bar, ChartAxis("tension [N]", 0.0, top))
     chart.log_cursor("cursor", shown.time)
     return chart
+
+
+def _tension_pixels(steps: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    """Pixels (rows, columns, 3) of steps (rows, columns) of the tension scale."""
+    packed = packed_tension_colors(steps)
+    return np.ascontiguousarray(packed.astype(">u4").view(np.uint8).reshape(*packed.shape, 4)[..., :3])
 
 
 class SpectrumLine(NamedTuple):
