@@ -442,6 +442,19 @@ class Friction:
 
 
 @wp.struct
+class StrandLoad:
+    """Goods on one strand of a chain (`physics.strand_load`)."""
+
+    start: wp.vec2d  # where they come on [m]
+    direction: wp.vec2d  # of the strand
+    length: wp.float64  # over which they lie [m]
+    reach: wp.float64  # pins nearer to the line carry them [m]
+    per_pitch: wp.float64  # 1 / p [1/m]
+    relative_mass: wp.float64  # of a pitch's goods over the chain's roller mass; 0: there are none
+    feed_speed: wp.float64  # at which they come on, along the strand [m/s]
+
+
+@wp.struct
 class Chain:
     """The chain of one variant, eq. (1)-(3)."""
 
@@ -458,6 +471,7 @@ class Chain:
     pin_radius: wp.float64  # r_p [m]
     joint_arm: wp.float64  # kappa r_p [m]
     joint: Friction
+    load: StrandLoad
     unlike_masses: wp.int32  # 1: its rollers' masses differ
 
 
@@ -690,6 +704,7 @@ class ChainSums:
     samples: wp.int64  # samples in the window
     dissipated: wp.float64  # in the links [J]
     friction: wp.float64  # dissipated in the joints [J]
+    goods_work: wp.float64  # that goods bring, less what they take along [J]
     energy_start: wp.float64  # mechanical energy at the window's start [J]
     energy_end: wp.float64
 
@@ -748,6 +763,7 @@ class RollerTally:
 
     dissipated: wp.float64  # [J]
     friction: wp.float64  # [J]
+    goods_work: wp.float64  # as in `ChainSums` [J]
     energy_start: wp.float64  # [J]
     energy_end: wp.float64
 
@@ -935,7 +951,7 @@ PAIRS = {
 def _roller_structs() -> dict[Any, Any]:
     """Structs at float32 of chain and contacts, by those at float64."""
     made: dict[Any, Any] = {}
-    for full in (Friction, ContactLaw, Chain, Band, Extra):
+    for full in (Friction, StrandLoad, ContactLaw, Chain, Band, Extra):
         made[full] = at_float32(full, made)
     made[Memory] = at_float32(Memory, made, kept=("time",))
     return made

@@ -71,6 +71,7 @@ def merge_roller(sums: ChainSums, tally: RollerTally):
     """Chain's sums with one roller's or body's tally added."""
     sums.dissipated = sums.dissipated + tally.dissipated
     sums.friction = sums.friction + tally.friction
+    sums.goods_work = sums.goods_work + tally.goods_work
     sums.energy_start = sums.energy_start + tally.energy_start
     sums.energy_end = sums.energy_end + tally.energy_end
     return sums

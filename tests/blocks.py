@@ -173,13 +173,16 @@ def bucketed_rk4():
     return [drive.with_values({"run.integrator": "rk4"}) for drive in bucketed()]
 
 
+GOODS = {"load_per_length": 4.0, "between": ["wheel", "weight"], "begin": 0.1, "end": 0.28, "feed_speed": 0.3}
+
+
 def hoists():
-    """Open chains: with a weight that swings and rubbing joints, and between a led end and a slider."""
+    """Open chains: with a swinging weight, rubbing joints and goods on its strand; between a led end and a slider."""
     first = hoist()
     led = {"kind": "prescribed", "direction": [0.0, 1.0], "amplitude": 1e-3, "frequency": 200.0}
     slider = {"kind": "slider", "direction": [0.0, -1.0], "stiffness": 1e3, "damping": 10.0, "preload": 50.0}
     return [
-        first.with_values(BENDING | {"sprockets.wheel.load": {"torque": 5.0}}),
+        first.with_values(BENDING | {"sprockets.wheel.load": {"torque": 5.0}, "chain.load": GOODS}),
         first.with_values({"sprockets.start.mount": led, "sprockets.weight.mount": slider}),
     ]
 

@@ -13,6 +13,7 @@ from .hubs import hub_functions
 from .joints import joint_functions
 from .near_rollers import near_roller_functions
 from .rollers import roller_functions, rows
+from .strand_loads import strand_load_functions
 
 
 @dataclass(frozen=True)
@@ -32,6 +33,7 @@ def force_functions(Real: type, capacity: int) -> ForceFunctions:
     contact_pairs = contact_pair_functions(Real, capacity)
     row = rows(capacity)
     hubs = hub_functions(Real)
+    strand_loads = strand_load_functions(Real, capacity)
     joints = joint_functions(Real, capacity)
 
     @wp.func
@@ -54,6 +56,8 @@ def force_functions(Real: type, capacity: int) -> ForceFunctions:
         if rubs:
             joints.find_joint_moments(w, n, chain, memory)
             joints.add_couple_forces(w, n)
+        if chain.load.relative_mass > Real(0.0):
+            strand_loads.carry_goods(state, w, drive.first_roller, n, Real(drive.step), chain)
         if memory.wanted.sizes != 0:
             rollers.clear_rows(w, row.sprocket_force, row.guide_force, n)
         for t in range(drive.first_tensioner, drive.first_tensioner + drive.tensioners):

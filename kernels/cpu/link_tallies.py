@@ -10,7 +10,7 @@ from typing import Any
 import warp as wp
 
 from ..native import larger, row_access, smaller
-from ..physics.link import link_spring, roller_energy
+from ..physics.link import chain_at_roller, link_spring, roller_energy
 from ..structs import ChainSums, LinkTally, Strand, StrandSums, types
 from ..sums import add_tension, merge_extremes, merge_tension, mid_strand_displacement, next_index
 from .rollers import roller_functions, rows
@@ -150,13 +150,10 @@ def link_tally_functions(Real: type, capacity: int) -> LinkTallyFunctions:
             position = vec2(access.load(w, row.x + i), access.load(w, row.y + i))
             velocity = vec2(access.load(w, row.vx + i) + back * a[0], access.load(w, row.vy + i) + back * a[1])
             tension, rate = access.load(w, row.tension + i), access.load(w, row.rate + i)
-            held, weight = roller_energy(position, velocity, tension, rate, i, chain)
-            relative = wp.float64(access.load(w, row.relative_mass + i))
-            more = (relative - wp.float64(1.0)) * wp.float64(0.5) * wp.float64(chain.mass)
-            total += held + more * (
-                wp.float64(velocity[0]) * wp.float64(velocity[0]) + wp.float64(velocity[1]) * wp.float64(velocity[1])
-            )
-            total -= relative * weight
+            own = chain_at_roller(chain, access.load(w, row.relative_mass + i), access.load(w, row.mobility + i))
+            held, weight = roller_energy(position, velocity, tension, rate, i, own)
+            total += held
+            total -= weight
             i = i + 1
         return total
 

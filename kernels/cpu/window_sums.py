@@ -16,6 +16,7 @@ from .chain_sums import chain_sum_functions
 from .couplings import coupling_functions
 from .joints import joint_functions
 from .link_tallies import link_tally_functions
+from .strand_loads import strand_load_functions
 from .train_sums import train_sum_functions
 
 
@@ -38,6 +39,7 @@ def window_sum_functions(Real: type, capacity: int) -> WindowSumFunctions:
     link_tallies = link_tally_functions(Real, capacity)
     joints = joint_functions(Real, capacity)
     train_sums = train_sum_functions(Real)
+    strand_loads = strand_load_functions(Real, capacity)
 
     @wp.func(inline=False)  # out of the time loop's one piece, as few steps call it: that compiles faster
     def mechanical_energy(ensemble: Ensemble, state: State, drive: Drive, chain: Chain, w: wp.array[Real], now: Now):
@@ -98,6 +100,9 @@ def window_sum_functions(Real: type, capacity: int) -> WindowSumFunctions:
         link_tallies.add_rates(w, n, share)
         if chain.joint.inertia > Real(0.0):
             joints.add_friction_powers(w, n, chain, Real(now.lag), share)
+        if chain.load.relative_mass > Real(0.0):
+            power = strand_loads.power_of_goods(w, n, chain, Real(drive.step), Real(now.lag))
+            sums.chain[variant].goods_work = sums.chain[variant].goods_work + now.weight * power
         if now.ends != 0:
             energy = mechanical_energy(ensemble, state, drive, chain, w, now)
             sums.chain[variant] = add_energy(sums.chain[variant], now.step == drive.window_start, energy)

@@ -134,7 +134,7 @@ def block_kernel(kind: BlockKind, blocks: int, frame: Any) -> wp.Kernel:
                         sampling.sample_links(state, shared, mine, now, lengths, tension, rate)
                         steps.add_contact_forces(ensemble, state, out, shared, mine, now, contact)
                         steps.find_load_ahead(ensemble, shared, mine, now)
-                        if wp.static(kind.friction.joints) or now.flags != 0:
+                        if wp.static(kind.friction.joints or kind.links == "varied") or now.flags != 0:
                             sync.barrier()  # others may still be at rollers beside theirs
                             steps.sample_rollers(ensemble, state, out, shared, mine, now)
                         steps.advance_rollers_after_contacts(state, shared, mine, now)

@@ -12,10 +12,11 @@ import warp as wp
 
 from ..native import row_access
 from ..physics.link import chain_at_roller
+from ..physics.strand_load import carried_relative_mass
 from ..structs import GROUND, Drive
 from .block_kinds import BlockKind
 from .block_structs import ThreadParts
-from .shared_memory import joint_rows, shared_rows
+from .shared_memory import joint_rows, roller_rows, shared_rows
 
 
 @dataclass(frozen=True)
@@ -25,8 +26,8 @@ class ChainFunctions:
     chain_number: wp.Function
     chain_number_of_guide: wp.Function
     drive_row: wp.Function
-    mobility: wp.Function
-    set_mobility: wp.Function
+    relative_mass: wp.Function
+    set_own_mass: wp.Function
     chain_at: wp.Function
     chain_span: wp.Function
     own_chain_span: wp.Function
@@ -49,7 +50,7 @@ def chain_functions(kind: BlockKind) -> ChainFunctions:
     Ensemble, Shared = kinds.Ensemble, kinds.Shared
     Real = kind.Real
     access = row_access(Real)
-    first_mobility = (shared_rows(kind.Real) + joint_rows(kind)) * kind.shape.slots
+    row, first_mass = roller_rows(kind), (shared_rows(kind.Real) + joint_rows(kind)) * kind.shape.slots
 
     @wp.func
     def chain_number(shared: Shared, j: int):
@@ -74,21 +75,23 @@ def chain_functions(kind: BlockKind) -> ChainFunctions:
         return mine.variant + chain_number(shared, j)
 
     @wp.func
-    def mobility(shared: Shared, j: int):
-        """1 over the relative mass of roller j, where links vary."""
-        return access.load(shared.rows, first_mobility + j)
+    def relative_mass(shared: Shared, j: int):
+        """Relative mass of roller j with goods on it, where links vary."""
+        position = kinds.vec2(access.load(shared.rows, row.x + j), access.load(shared.rows, row.y + j))
+        carried = carried_relative_mass(position, shared.chains[chain_number(shared, j)].load)
+        return access.load(shared.rows, first_mass + j) + carried
 
     @wp.func
-    def set_mobility(shared: Shared, j: int, value: Real):
-        """Sets 1 over the relative mass of roller j, where links vary."""
-        access.store(shared.rows, first_mobility + j, value)
+    def set_own_mass(shared: Shared, j: int, value: Real):
+        """Sets the relative mass of roller j without goods, where links vary."""
+        access.store(shared.rows, first_mass + j, value)
 
     @wp.func
     def chain_at(shared: Shared, j: int):
         """Roller j's chain, with that roller's mass."""
         if wp.static(kind.links == "varied"):
-            of = mobility(shared, j)
-            return chain_at_roller(shared.chains[chain_number(shared, j)], type(of)(1.0) / of, of)
+            relative = relative_mass(shared, j)
+            return chain_at_roller(shared.chains[chain_number(shared, j)], relative, Real(1.0) / relative)
         else:
             return shared.chains[chain_number(shared, j)]
 
@@ -188,8 +191,8 @@ def chain_functions(kind: BlockKind) -> ChainFunctions:
         chain_number=chain_number,
         chain_number_of_guide=chain_number_of_guide,
         drive_row=drive_row,
-        mobility=mobility,
-        set_mobility=set_mobility,
+        relative_mass=relative_mass,
+        set_own_mass=set_own_mass,
         chain_at=chain_at,
         chain_span=chain_span,
         own_chain_span=own_chain_span,

@@ -1,4 +1,4 @@
-"""The block kernels' contacts: forces of teeth and guide-bars on the rollers that touch them.
+"""The block kernels' contacts: forces of teeth and guide-bars on the rollers that touch them, and of goods.
 
 A contact's memory (seat, v0) and sums stay in the state and the tallies, which the cache holds.
 """
@@ -14,6 +14,7 @@ from .block_structs import ThreadParts
 from .contacts import contact_functions
 from .guides import guide_functions
 from .partner_bits import partner_bit_functions
+from .strand_loads import strand_load_functions
 from .sync import lowest_bit
 from .teeth import tooth_functions
 from .tooth_gaps import tooth_gap_functions
@@ -39,6 +40,7 @@ def contact_force_functions(kind: BlockKind) -> ContactForceFunctions:
     tooth_gaps = tooth_gap_functions(kind)
     teeth = tooth_functions(kind)
     guides = guide_functions(kind)
+    strand_loads = strand_load_functions(kind)
 
     @wp.func
     def add_contact_forces(
@@ -50,10 +52,12 @@ def contact_force_functions(kind: BlockKind) -> ContactForceFunctions:
         now: Now,
         contact: contacts.Contact,
     ):
-        """Adds the contacts' forces to those of the thread's rollers.
+        """Adds the contacts' forces to those of the thread's rollers, and those of taking goods on.
 
         Each thread goes on to its next roller in teeth at once, so that few wait.
         """
+        if wp.static(kind.links == "varied"):
+            strand_loads.add_feed_forces(shared, mine)
         by_teeth = partner_bits.of_sprockets(contact.near)
         while partner_bits.has_any(by_teeth):
             j, s = partner_bits.first_pair(by_teeth, mine.thread)

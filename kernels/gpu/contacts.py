@@ -117,8 +117,8 @@ def contact_functions(kind: BlockKind) -> ContactFunctions:
             law.form = 0
             law.exponent = Real(1.0)
         if wp.static(kind.links == "varied"):
-            mobility = chains.mobility(shared, j)
-            law = law_at_roller(law, Real(1.0) / mobility, mobility)
+            relative = chains.relative_mass(shared, j)
+            law = law_at_roller(law, relative, Real(1.0) / relative)
         return law
 
     @wp.func

@@ -1,6 +1,6 @@
 """The rows of one variant's rollers that a block's threads share: read, moved, taken in and put back."""
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from functools import cache
 
 import warp as wp
@@ -12,28 +12,7 @@ from ..physics.link import compensated_sum, roller_acceleration
 from .block_kinds import BlockKind
 from .block_structs import ThreadParts
 from .chains import chain_functions
-from .shared_memory import block_memory, mass_rows
-
-
-@dataclass(frozen=True)
-class RollerRows:
-    """First index of each row of rollers that threads share, in their order."""
-
-    x: int  # position [m]
-    y: int
-    vx: int  # velocity [m/s]
-    vy: int
-    force_x: int  # [N]
-    force_y: int
-    x_low: int  # what float32 rounds off the position [m]
-    y_low: int
-
-
-@cache
-def roller_rows(kind: BlockKind) -> RollerRows:
-    """The rows of a block."""
-    firsts = {field.name: k * kind.shape.slots for k, field in enumerate(fields(RollerRows))}
-    return type("RollerRows", (), firsts)  # as Warp reads constants from attributes of a class, not of an object
+from .shared_memory import block_memory, mass_rows, roller_rows
 
 
 @dataclass(frozen=True)
@@ -153,8 +132,8 @@ def roller_functions(kind: BlockKind) -> RollerFunctions:
             access.store(shared.rows, row.vx + j, state.rollers[at + 2 * n])
             access.store(shared.rows, row.vy + j, state.rollers[at + 3 * n])
             if wp.static(mass_rows(kind)):
-                relative = state.relative_mass[mine.first_roller + first + wp.min(j - first, n - 1)]
-                chains.set_mobility(shared, j, Real(1.0) / relative)
+                own = state.relative_mass[mine.first_roller + first + wp.min(j - first, n - 1)]
+                chains.set_own_mass(shared, j, own)
             if wp.static(kind.is_paired):
                 access.store(shared.rows, row.x_low + j, state.rollers[at + 4 * n])
                 access.store(shared.rows, row.y_low + j, state.rollers[at + 5 * n])

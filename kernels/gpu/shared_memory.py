@@ -6,7 +6,7 @@ Between two barriers a thread touches nothing that another one reads.
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from functools import cache
 from types import SimpleNamespace
 from typing import Any
@@ -36,6 +36,27 @@ ALIGNED = 16
 """Bytes of which each array's place is a multiple."""
 
 
+@dataclass(frozen=True)
+class RollerRows:
+    """First index of each row of rollers that threads share, in their order."""
+
+    x: int  # position [m]
+    y: int
+    vx: int  # velocity [m/s]
+    vy: int
+    force_x: int  # [N]
+    force_y: int
+    x_low: int  # what float32 rounds off the position [m]
+    y_low: int
+
+
+@cache
+def roller_rows(kind: BlockKind) -> RollerRows:
+    """The rows of a block."""
+    firsts = {field.name: k * kind.shape.slots for k, field in enumerate(fields(RollerRows))}
+    return type("RollerRows", (), firsts)  # as Warp reads constants from attributes of a class, not of an object
+
+
 def shared_rows(Real: type) -> int:
     """Rows of rollers that threads share: x, y, vx, vy, force (x, y), at float32 the low parts of x, y.
 
@@ -52,7 +73,7 @@ def joint_rows(kind: BlockKind) -> int:
 
 
 def mass_rows(kind: BlockKind) -> int:
-    """Rows of 1 over rollers' relative masses, after all others: of links that vary (`chains.chain_at`)."""
+    """Rows of rollers' own relative masses, after all others: of links that vary (`chains.relative_mass`)."""
     return int(kind.links == "varied")
 
 

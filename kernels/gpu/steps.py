@@ -23,6 +23,7 @@ from .loads import load_functions
 from .prescribed_motion import prescribed_motion_functions
 from .rollers import roller_functions, roller_stage_function
 from .sampling import sampling_functions
+from .strand_loads import strand_load_functions
 from .sync import sync_functions
 from .tensioners import tensioner_functions
 from .trains import train_functions
@@ -66,7 +67,7 @@ def step_functions(kind: BlockKind, frame: Any) -> StepFunctions:
     contact_forces = contact_force_functions(kind)
     trains = train_functions(kind, frame)
     valves = valve_functions(kind, frame)
-    joints = joint_functions(kind)
+    joints, strand_loads = joint_functions(kind), strand_load_functions(kind)
     stage_roller = roller_stage_function(kind)
 
     @inlined
@@ -219,9 +220,11 @@ def step_functions(kind: BlockKind, frame: Any) -> StepFunctions:
         """Samples the thread's rollers, whose forces are complete, where that is due."""
         if now.flags & EXTRA != 0 or (now.step == 0 and now.flags != 0):
             sampling.sample_rollers(ensemble, state, out, shared, mine, now)
-        if wp.static(kind.friction.joints):
-            if wp.static(kind.measuring) and now.measures != 0:
+        if wp.static(kind.measuring) and now.measures != 0:
+            if wp.static(kind.friction.joints):
                 joints.add_friction_work(shared, mine, now)
+            if wp.static(kind.links == "varied"):
+                strand_loads.add_goods_work(out.tallies, shared, mine, now)
 
     return StepFunctions(
         add_contact_forces=add_contact_forces,

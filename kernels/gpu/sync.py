@@ -157,7 +157,7 @@ def add_to_link_tally(tallies: wp.array[LinkTally], at: int, more: LinkTally):
     """Adds `more` to a link's tally; no other thread does."""
 
 
-@wp.func_native(_field_additions(dissipated="f64", friction="f64"))
+@wp.func_native(_field_additions(dissipated="f64", friction="f64", goods_work="f64"))
 def add_to_roller_tally(tallies: wp.array[RollerTally], at: int, more: RollerTally):
     """Adds what is dissipated in `more` to a roller's tally; no other thread does."""
 

@@ -225,3 +225,9 @@ def test_a_loop_turns_the_shaft_of_an_open_chain():
 def test_only_a_wheel_with_teeth_has_a_margin_to_jump():
     trajectory, _ = run_of(hoist(duration=0.05))
     assert [bool(np.isfinite(tooth_jump_margin(trajectory, s).margin).any()) for s in range(3)] == [False, True, False]
+
+
+def test_a_weight_on_the_first_pin_hangs_as_one_on_the_last():
+    ends = [{"center": [0.0, 0.0]}, {"center": [0.0, -0.76], "mass": 50.0, "mount": {"kind": "free"}}]
+    one, other = (assemble(rope(30, of)).position for of in (ends, ends[::-1]))
+    np.testing.assert_allclose(other, one[::-1], atol=1e-12)

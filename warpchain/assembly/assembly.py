@@ -30,6 +30,7 @@ from warpchain.assembly.arm_balance import ArmBalance, chain_path, chain_paths
 from warpchain.assembly.link_laying import LayingCurve
 from warpchain.assembly.path import ChainPath, check_fit
 from warpchain.assembly.seating import Loop, Seating, seat_chain
+from warpchain.assembly.strand_load import check_load_places
 from warpchain.assembly.table_cells import initial_speed
 from warpchain.assembly.taut_string import TautString
 from warpchain.drive.body_ties import BodyTie, body_ties
@@ -141,6 +142,7 @@ def assemble_stack(model: ChainModel) -> Assembly:
         UnlikeVariants: some go around other arcs of guides.
     """
     path, seating, loop = _seated_stack(model)
+    check_load_places(model, path)
     count, variants = model.chain.rollers, len(path.radius)
     angle, first_seat = _sprocket_angles(model, table_of_columns(seating.first_angle, variants))
     speed, shaft_speed = _starting_speeds(model, path, variants)
@@ -155,9 +157,10 @@ def assemble_stack(model: ChainModel) -> Assembly:
     for alike in _seat_patterns(seats, links):
         at = _RollerPlacement(model, path, alike, count)
         like = 0 if isinstance(alike, slice) else alike[0]
-        for s in sorted(range(len(model.sprockets)), key=lambda s: model.sprockets[s].is_end):
+        hangs = [sprocket.is_end and is_on_springs(sprocket) for sprocket in model.sprockets]
+        for s in sorted(range(len(hangs)), key=hangs.__getitem__):  # on what holds its strand, which is in place
             sprocket = model.sprockets[s]
-            if sprocket.is_end and is_on_springs(sprocket):
+            if hangs[s]:
                 k = max(s - 1, 0)
                 at.hang_end(s, int(last[like, k]), int(links[like, k]))
             rollers = slice(first[like, s], last[like, s] + 1)

@@ -139,6 +139,7 @@ class Potential:
         hanging: whether balance wheels hang where they are, or turn nothing in the mean.
         laid: (S,) angles of the sprockets as laid [rad], for couplings.
         held: (S + H,) whether an angle is; None as `is_held_body`, and of a shaft without a sprocket near.
+        goods: (N,) masses of goods on the pins [kg].
 
     Attributes:
         lever: (S + H,) length as which a turn counts [m/rad]: the pitch radius, of a shaft the nearest sprocket's.
@@ -154,8 +155,10 @@ class Potential:
         hanging: bool = False,
         laid: Array | None = None,
         held: Sequence[bool] | None = None,
+        goods: Array | float = 0.0,
     ) -> None:
         chain, sprockets = model.chain, model.sprockets
+        self.goods = np.zeros(chain.rollers) + goods
         self.model, self.rollers, self.sprockets = model, chain.rollers, len(sprockets)
         self.turning = self.sprockets + len(model.shafts)
         self.arms = [RestingArm(model, a) for a in range(len(model.arms))]
@@ -435,7 +438,7 @@ class Potential:
         n, s = 2 * self.rollers, 2 * self.sprockets
         chain = self.model.chain
         weight = chain.mass * self.gravity
-        more = (chain.roller_masses - chain.mass)[:, None] * self.gravity  # of a roller than in the mean
+        more = (chain.roller_masses - chain.mass + self.goods)[:, None] * self.gravity  # than a roller in the mean
         terms.energy += float(-np.sum(r @ weight) - np.sum(r * more) + self.moments @ angles)
         terms.gradient[:n] -= np.tile(weight, self.rollers)
         terms.gradient[:n] -= more.ravel()

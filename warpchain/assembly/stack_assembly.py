@@ -160,7 +160,7 @@ def _layout_values(model: ChainModel) -> dict[str, Any]:
         """Values of a part by name."""
         return {name: getattr(part, name) for name in names}
 
-    lengths: tuple[str, ...] = "pitch", "links", "elongation", "worn_links", "play", "roller_radius"
+    lengths: tuple[str, ...] = "pitch", "links", "elongation", "worn_links", "play", "roller_radius", "load"
     pulls = model.arms or model.chain.is_open  # on arms, or on weights at its ends
     if pulls:
         lengths = (*lengths, *PULLING_CHAIN_KEYS)

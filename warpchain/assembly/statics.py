@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 from warpchain.assembly.assembly import Assembly, assemble_chain
 from warpchain.assembly.potential import EnergyTerms, Map, Potential, stacked_terms
+from warpchain.assembly.strand_load import goods_on_pins
 from warpchain.assembly.table_cells import shaft_ratio, table_cells
 from warpchain.drive.body_ties import body_names, rigid_ratios
 from warpchain.drive.schema import HUGE
@@ -148,7 +149,8 @@ def _steady_state(model: ChainModel, assembly: Assembly, frequency: float, momen
     """Steady state of a drive, averaged over a tooth pitch."""
     if model.chain.rollers > MOST:
         return _unknown_state(model, assembly, frequency, f"not sought for a chain of more than {MOST} links")
-    potential = Potential(model, frequency, moments, laid=assembly.sprocket_angle)
+    goods = goods_on_pins(model, assembly.path, assembly.position)
+    potential = Potential(model, frequency, moments, laid=assembly.sprocket_angle, goods=goods)
     solver, x = _Solver([potential], [assembly]), _assembled_coordinates(potential, assembly)
     means: list[tuple[Array, ...]] = []
     failure = None
@@ -217,7 +219,9 @@ def equilibrium(
         if shafts:  # the sprockets that they are have the loads
             moments[[b for b, of in enumerate(model.shafts, len(laid)) if isinstance(of, SprocketShaft)]] = 0.0
         held = _held_angles(model) if shafts else None
-        potentials.append(Potential(model, passing_rate(model, speed), moments, hanging=True, laid=laid, held=held))
+        goods = goods_on_pins(model, assembly.path, assembly.position)
+        rate = passing_rate(model, speed)
+        potentials.append(Potential(model, rate, moments, hanging=True, laid=laid, held=held, goods=goods))
         if (potentials[-1].push >= 0.1 * potentials[-1].stiffness[: model.chain.links]).any():
             raise SimulationError(f"speed = {speed:g}: at this speed the chain would lengthen by a tenth")
     solver = _Solver(potentials, assemblies, shafts)

@@ -14,6 +14,7 @@ from warpchain.drive.schema import (
     BARE,
     WRONG,
     Allowed,
+    Finite,
     Name,
     NonNegative,
     Part,
@@ -38,6 +39,7 @@ Links = Annotated[int, Field(strict=True, ge=3), Value("must be an integer of at
 LinkIndex = Annotated[int, Field(strict=True, ge=0), Value("must be an integer of at least 0")]
 Every = Annotated[int, Field(strict=True, ge=1), Value("must be an integer of at least 1")]
 Ends = Annotated[tuple[Name, Name], Allowed("must be a list of the names of two sprockets without teeth")]
+Between = Annotated[tuple[Name, Name], Allowed("must be a list of the names of two sprockets, one after the other")]
 Elongation = Annotated[float, Field(strict=True, ge=-0.05, le=0.1), Value("must be a number from -0.05 to 0.1")]
 
 MOST_LINKS = 1_000_000
@@ -104,6 +106,33 @@ class Attachment(Part):
         import numpy as np
 
         return np.arange(self.first, links, self.every or links)
+
+
+class StrandLoad(Part):
+    """Goods that lie on one strand of a chain, and move with it.
+
+    A pin carries what lies within half a pitch of it. Goods come on at `begin`, and fall off at `end` at the chain's
+    velocity.
+
+    Attributes:
+        load_per_length: mass of the goods on one meter [kg/m].
+        between: names of the two sprockets between which the strand is, in the order of the chain's travel.
+        begin: way along the strand at which goods come on [m], from where it leaves the first of the two.
+        end: way at which they fall off [m]; None is the strand's end.
+        feed_speed: speed along the strand at which they come on [m/s]; the chain brings them to its own.
+    """
+
+    load_per_length: NonNegative
+    between: Between
+    begin: NonNegative = 0.0
+    end: Positive | None = None
+    feed_speed: Finite = 0.0
+
+    @classmethod
+    def _rules(cls, node: Any) -> Iterable[Problem]:
+        begin, end = node_value(node, "begin"), node_value(node, "end")
+        if are_numbers(begin, end) and end <= begin:
+            yield Problem(("end",), end, f"must be more than begin, {begin:g}")
 
 
 class Joint(Part):
@@ -173,6 +202,7 @@ class Chain(Part):
         outer: values of the outer links, those of even index; None is those of all.
         play: way that a link moves out or in before its spring acts, s [m]; None is 0.
         attachments: masses on links.
+        load: goods on a strand; None is none.
     """
 
     size: Size | None = None
@@ -191,6 +221,7 @@ class Chain(Part):
     outer: Annotated[OuterLinks | None, Allowed("must be a table { elongation, stiffness, damping }")] = None
     play: NonNegative | None = None
     attachments: Annotated[tuple[Attachment, ...], Allowed("must be a list of tables { mass, every, first }")] = ()
+    load: Annotated[StrandLoad | None, Allowed("must be a table { load_per_length, between }")] = None
 
     _replaces: ClassVar[Mapping[str, tuple[str, ...]]] = {
         "size": ("pitch", "roller_radius", "roller_mass", "mass_per_length", "stiffness"),

@@ -59,15 +59,23 @@ ON_TEETH = ("teeth", "pitch", "tooth", "key", "bearing", "load", "balance_wheel"
 """Keys of sprockets that a chain's end has not."""
 
 
+Path = tuple[str | int, ...]
+
+
+def _chains_with_sprockets(drive: Any) -> Iterator[tuple[Path, Any, list[Any]]]:
+    """Path of each chain in a drive, the chain, and names of its sprockets."""
+    sprockets = node_list(drive, "sprockets")
+    several: list[tuple[Path, Any]] = [(("chains", c), of) for c, of in enumerate(node_list(drive, "chains"))]
+    for path, chain in several or [(("chain",), node_value(drive, "chain"))]:
+        around = [of for of in sprockets if not several or node_value(of, "chain") == node_value(chain, "name")]
+        yield path, chain, [node_value(of, "name") for of in around]
+
+
 def _end_rules(drive: Any, sprockets: Sequence[Any]) -> Iterator[Problem]:
     """Problems of the ends of open chains, and of sprockets without teeth that are none."""
-    chains = enumerate(node_list(drive, "chains"))
-    several: list[tuple[tuple[str | int, ...], Any]] = [(("chains", c), chain) for c, chain in chains]
     ends: set[Any] = set()
-    for path, chain in several or [(("chain",), node_value(drive, "chain"))]:
+    for path, chain, names in _chains_with_sprockets(drive):
         named = node_list(chain, "ends")
-        around = [of for of in sprockets if not several or node_value(of, "chain") == node_value(chain, "name")]
-        names = [node_value(of, "name") for of in around]
         ends.update(name for name in named if isinstance(name, str))
         if len(named) == 2 and (names[:1], names[-1:]) != ([named[0]], [named[1]]):
             text = "must be the names of the first and the last of the chain's sprockets, in the order of its travel"
@@ -86,6 +94,17 @@ def _end_rules(drive: Any, sprockets: Sequence[Any]) -> Iterator[Problem]:
                     value if are_numbers(value) else None,
                     "not of an end of a chain, which has no teeth",
                 )
+
+
+def load_rules(drive: Any) -> Iterator[Problem]:
+    """Problems of goods between sprockets that do not follow each other."""
+    for path, chain, names in _chains_with_sprockets(drive):
+        between = node_list(node_value(chain, "load"), "between")
+        pairs = list(zip(names, names[1:] + ([] if node_list(chain, "ends") else names[:1]), strict=False))
+        if len(between) == 2 and tuple(between) not in pairs:
+            known = ", ".join(f"[{one}, {other}]" for one, other in pairs)
+            text = f"must be two sprockets of the chain, one after the other: one of {known}"
+            yield Problem((*path, "load", "between"), list(between), text)
 
 
 def shaft_rules(drive: Any) -> Iterator[Problem]:

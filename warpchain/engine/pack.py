@@ -170,7 +170,7 @@ def _pack_stack(packed: PackedEnsemble, part: Stack[ChainModel], assembly: Assem
     model, v = part.one, part.members
     at = {kind.first: packed.drives[kind.first][v].astype(np.int64) for kind in DIMENSIONS.values() if kind.first}
     packed.drives["tension_scale"][v] = tension_scale(model, assembly)
-    _fill_rows(packed.chains, v, fill_chain_row, model)
+    _fill_rows(packed.chains, v, fill_chain_row, model, assembly)
     links = model.chain.rollers
     scatter_values(packed.relative_mass, at["first_roller"], model.chain.relative_masses)
     scatter_values(packed.lengths, at["first_roller"], model.chain.link_lengths)

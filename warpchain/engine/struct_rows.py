@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from warpchain.assembly import Assembly
 from warpchain.assembly.bounds import escape_distance
+from warpchain.assembly.strand_load import load_line
 from warpchain.assembly.table_cells import TableList, shaft_ratio
 from warpchain.drive import ArmMount, ElasticMount, Harmonic, ImpactLaw, PrescribedMount, SliderMount
 from warpchain.drive.body_ties import part_of_body
@@ -357,7 +358,7 @@ def _diagonal_matrices(values: tuple[float, float]) -> NDArray[np.float64]:
     return array_of_columns(values)[..., None] * np.eye(2)
 
 
-def fill_chain_row(row: Any, model: ChainModel) -> None:
+def fill_chain_row(row: Any, model: ChainModel, assembly: Assembly) -> None:
     """Fills a `structs.Chain`, joint friction for 1 s."""
     chain = model.chain
     row["stiffness"], row["damping"] = chain.stiffness, chain.link_damping
@@ -365,7 +366,12 @@ def fill_chain_row(row: Any, model: ChainModel) -> None:
     row["play"], row["absent"] = chain.link_play, chain.rollers if chain.is_open else 0
     row["mass"], row["inverse_mass"] = chain.mass, 1.0 / chain.mass
     row["gravity"] = array_of_columns(model.run.gravity)
-    row["unlike_masses"] = (chain.relative_masses != 1.0).any(axis=-1)
+    row["unlike_masses"] = (chain.relative_masses != 1.0).any(axis=-1) | (chain.load is not None)
+    if chain.load is not None:
+        row["load"]["relative_mass"] = chain.load.load_per_length * chain.pitch / chain.mass
+        row["load"]["per_pitch"], row["load"]["feed_speed"] = 1.0 / chain.pitch, chain.load.feed_speed
+        for name, value in load_line(model, assembly.path)._asdict().items():
+            row["load"][name] = value
     if chain.joint is not None and chain.has_friction:
         pin_radius = chain.pin_radius
         assert pin_radius is not None  # the chain's own rule

@@ -17,6 +17,7 @@ import numpy as np
 import scipy.sparse as sp
 from numpy.typing import NDArray
 
+from warpchain.assembly.strand_load import LoadLine, carried_part
 from warpchain.engine.force_probe import ForceProbe, ProbeStates
 from warpchain.engine.struct_rows import FORCE_NUMBERS
 
@@ -147,7 +148,12 @@ def free_coordinates(probe: ForceProbe, states: ProbeStates) -> Coordinates:
     n = 2 * probe.rollers
     moves = np.hstack([np.zeros((len(of), n)), change @ basis, np.zeros((len(of), len(chambers)))])
     mass, area, rate = float(probe.base.chains["mass"][0]), wet["area"].copy(), -wet["area"] / volume
-    masses = mass, probe.base.relative_mass[: probe.rollers]
+    load = probe.base.chains["load"][0]
+    goods = np.zeros(probe.rollers)
+    if load["relative_mass"]:
+        line = LoadLine(*(load[name] for name in LoadLine._fields))
+        goods = load["relative_mass"] * carried_part(states.position[0], line, 1.0 / load["per_pitch"])
+    masses = mass, probe.base.relative_mass[: probe.rollers] + goods
     return Coordinates(
         probe.rollers, *masses, basis, inertia, owner, turning, chambers, area, rate, wet["rest"].copy(), moves
     )

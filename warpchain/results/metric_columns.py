@@ -349,11 +349,17 @@ JOINT_METRICS = MetricGroup(
     source="chain",
     applies_to=lambda model, index: model.chain.has_friction,
 )
+GOODS_METRICS = MetricGroup(
+    "chain",
+    (Column("goods.work", "J", "work done on the goods of a strand", lambda of: -of.sums["goods_work"]),),
+    source="chain",
+    applies_to=lambda model, index: model.chain.load is not None,
+)
 BALANCE_METRICS = MetricGroup(
     "chain",
     (
         Column("input_work", "J", "work of what prescribes angles and centers", lambda balance: balance.input),
-        Column("output_work", "J", "work against the loads", lambda balance: balance.output),
+        Column("output_work", "J", "work against the loads, and on goods", lambda balance: balance.output),
         Column(
             "efficiency",
             "1",
@@ -570,7 +576,7 @@ WINDOW_METRICS = (
     (COUPLING_METRICS, COUPLING_SLIP_METRICS),
     (GEAR_METRICS,),
     (VALVE_METRICS,),
-    (JOINT_METRICS,),
+    (JOINT_METRICS, GOODS_METRICS),
 )
 """Metric columns formed of a window's sums."""
 DESIGN_METRICS = (

@@ -251,7 +251,7 @@ def energy_balance(model: ChainModel, sums: Mapping[str, Any]) -> EnergyBalance:
     contact_work = np.compress(driven, sprockets["contact_work"], axis=1)
     load_work = np.compress(~driven, sprockets["load_work"], axis=1)
     dissipated = chain["dissipated"] + chain["friction"] + sums["contact"]["dissipated"].sum(axis=1)
-    supplied, loaded = 0.0, load_work.sum(axis=1)
+    supplied, loaded = 0.0, load_work.sum(axis=1) + chain["goods_work"]
     if model.shafts or model.couplings:
         supplied = sums["shaft"]["motor_work"].sum(axis=1) - sums["coupling"]["led_work"].sum(axis=1)
         loaded = loaded + sums["shaft"]["load_work"].sum(axis=1)
