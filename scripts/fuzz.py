@@ -72,7 +72,10 @@ VALUES = [
 """Values of a key or a cell, right or wrong."""
 KEYS = [*Factor.model_fields, *Design.model_fields]
 RULES = "2 * torque + max(double, 3) ** 2", "both < 1e9 and torque > 0"
-NAMES = "marine", "engine", "motorcycle", "conveyor", "swing_idler", "v6", "motorcycle_drivetrain", "balance_shafts"
+NAMES = (
+    "marine", "engine", "motorcycle", "conveyor", "swing_idler", "v6", "motorcycle_drivetrain", "balance_shafts",
+    "hoist", "fork_lift", "bucket_elevator", "chain_conveyor",
+)  # fmt: skip
 """Example drives whose files are changed; `--drives` names others, or files of one's own.
 
 Studies and runs are those of the first.

@@ -26,6 +26,7 @@ GROUPS = {
         "valve-trains",
         "several-chains",
         "open-chains",
+        "conveyors",
         "moving-sprockets",
         "guides-and-tensioners",
         "tensioners",

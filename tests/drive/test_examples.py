@@ -20,7 +20,7 @@ from warpchain.results.chains import chain_trajectories
 from warpchain.results.losses import losses
 
 NAMES = example_names()
-STEADY = tuple(name for name in NAMES if name not in ("fork_lift", "hoist", "motorcycle_drivetrain"))
+STEADY = tuple(name for name in NAMES if name not in ("bucket_elevator", "fork_lift", "hoist", "motorcycle_drivetrain"))
 """What runs steadily by the end."""
 
 
@@ -31,7 +31,9 @@ def load(name):
 def test_names():
     assert NAMES == (
         "balance_shafts",
+        "bucket_elevator",
         "car",
+        "chain_conveyor",
         "conveyor",
         "derailleur",
         "engine",
