@@ -29,9 +29,9 @@ STAY = {
     "sprockets.mount.amplitude", "arms.pivot_table.x", "arms.pivot_table.y",
     "tensioners.plunger.diameter", "tensioners.plunger.gap", "tensioners.plunger.length",
     "tensioners.valve.ball_radius", "tensioners.valve.seat_diameter", "tensioners.valve.lift",
-    "tensioners.ratchet.pitch", "tensioners.ratchet.backlash",
+    "tensioners.ratchet.pitch", "tensioners.ratchet.backlash", "chain.load.begin", "chain.load.end",
 }  # fmt: skip
-"""Lengths that are as files say: motions, lifts of valves, and a tensioner's own parts."""
+"""Lengths that are as files say: motions, lifts of valves, a tensioner's own parts, and where goods are fed."""
 OIL = "tensioners.tensioner.oil"
 POINTS = {f"{OIL}.viscosity_40": 62e-6, f"{OIL}.viscosity_100": 10.3e-6}
 STEEL = {"expansion.block": "steel"}
