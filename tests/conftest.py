@@ -23,6 +23,30 @@ def quiet_warp():
 
 
 @pytest.fixture
+def own_plugins():
+    """Registries that plug-ins add to, as they were before once a test has ended."""
+    import warp as wp
+
+    from warpchain.drive import laws, plugins
+    from warpchain.engine import own_laws
+    from warpchain.kernels.physics import impact
+    from warpchain.results import metric_columns, own_metrics
+
+    registries = (laws.LAWS, laws.LAWS_IN_USE, metric_columns.COLUMN_BY_NAME, metric_columns.OWN_COLUMNS)
+    registries += (own_metrics.OWN_METRICS, plugins._LOADED)
+    held, forces = [dict(of) for of in registries], impact.FORCES
+    yield
+    for registry, before in zip(registries, held, strict=True):
+        registry.clear()
+        registry.update(before)
+    laws._cached_law_factor.cache_clear()
+    if forces != impact.FORCES:
+        impact.FORCES = forces
+        impact.law_damper = wp.func(impact.law_damper.func)
+        own_laws.forget_kernels()
+
+
+@pytest.fixture
 def fibers():
     """Blocks of several threads on the CPU, for one test."""
     import warp as wp

@@ -10,6 +10,8 @@ if TYPE_CHECKING:
     from warpchain.archive.options import ArchiveOptions
     from warpchain.assembly import assemble
     from warpchain.drive import Drive, dumps_drive, load_drive, loads_drive
+    from warpchain.drive.laws import contact_law
+    from warpchain.drive.plugins import load_plugin
     from warpchain.engine.fmu import export_fmu
     from warpchain.engine.simulation import simulate
     from warpchain.engine.stepping import stepping
@@ -18,6 +20,7 @@ if TYPE_CHECKING:
     from warpchain.modal import Modes, modes
     from warpchain.results.engineering_report import Wear
     from warpchain.results.judgement import Limits
+    from warpchain.results.own_metrics import metric
     from warpchain.results.run import Record, Run, Trajectory
     from warpchain.study.optimize import open_study, optimize
     from warpchain.study.run import run_study
@@ -35,10 +38,13 @@ _HOME = {
     "Wear": "results.engineering_report",
     "assemble": "assembly",
     "bench_tensioner": "engine.tensioner_bench",
+    "contact_law": "drive.laws",
     "dumps_drive": "drive",
     "export_fmu": "engine.fmu",
     "load_drive": "drive",
+    "load_plugin": "drive.plugins",
     "loads_drive": "drive",
+    "metric": "results.own_metrics",
     "modes": "modal",
     "open_study": "study.optimize",
     "optimize": "study.optimize",
@@ -63,10 +69,13 @@ __all__ = [
     "__version__",
     "assemble",
     "bench_tensioner",
+    "contact_law",
     "dumps_drive",
     "export_fmu",
     "load_drive",
+    "load_plugin",
     "loads_drive",
+    "metric",
     "modes",
     "open_study",
     "optimize",

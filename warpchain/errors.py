@@ -50,6 +50,10 @@ class StudyError(WarpchainError):
     """A study, or its table, cannot be used: a missing column, too few rows, a bad design."""
 
 
+class PluginError(WarpchainError):
+    """A plug-in cannot be loaded, or its code fails: file, line and reason in one line."""
+
+
 class LayoutWarning(UserWarning):
     """Parts of a drive stand where no chain can run well, such as strands that cross."""
 

@@ -55,6 +55,7 @@ GROUPS = {
         "assistants",
         "stepping",
         "fmu",
+        "plugins",
         "interchange",
         "archive",
         "formats",

@@ -15,7 +15,8 @@ from warpchain.archive.lazy_trajectories import ArchiveTrajectories, LazyDrives
 from warpchain.archive.mcap_read import McapIndex
 from warpchain.archive.untrusted_arrow import table_from_untrusted_bytes
 from warpchain.argument_checks import FiniteNumber, check_arguments
-from warpchain.errors import ArchiveError, SimulationError
+from warpchain.drive.plugins import missing_plugins
+from warpchain.errors import ArchiveError, SimulationError, warn_caller
 from warpchain.files import is_being_written
 from warpchain.results.channels import CHANNEL_NAMES
 from warpchain.results.run import Run, RunInfo, Trajectory, check_channel_names
@@ -151,6 +152,9 @@ def open_archive_files(name: Path, files: tuple[McapIndex, ...]) -> Archive:
     except (KeyError, ValueError) as error:
         raise ArchiveError(f"{files[0].path}: is damaged (metadata: {error}); see warpchain recover") from None
     drives = LazyDrives(files, numbers, gaps=info.ended == ENDED_RECOVERED)
+    missing = missing_plugins(info.plugins)
+    if missing is not None:
+        warn_caller(f"{name}: made with a plug-in that is not here: {missing}")
     metrics = _archived_metrics(last, numbers, info.ended)
     return Archive(drives, metrics, ArchiveTrajectories(files, drives, gaps=info.ended == ENDED_RECOVERED), info)
 
@@ -178,6 +182,7 @@ def _run_info(start: Mapping[str, str], end: Mapping[str, str]) -> RunInfo:
         step=float(start["step"]) if "step" in start else None,
         seed=int(start["seed"]) if "seed" in start else None,
         choice=start.get("choice"),
+        plugins=start.get("plugins"),
     )
 
 

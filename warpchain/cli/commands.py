@@ -289,12 +289,27 @@ def run_command(arguments: argparse.Namespace) -> int:
 
 def _run_lines(drive: Drive, run: Run, archive: Path) -> Iterator[str]:
     """Lines to print on a run and its archive."""
+    from warpchain.drive.plugins import short_plugin_words
+
     yield from _run_summary(drive, run.metrics.to_pylist()[0], run.info.wall_time)
     if run.info.choice:
         yield f"device: {run.info.device}, {run.info.choice}"
+    if run.info.plugins is not None:
+        yield f"plug-ins: {short_plugin_words(run.info.plugins)}"
+    yield from _own_metric_lines(run.metrics.to_pylist()[0])
     yield f"archive: {archive}; look at it with: warpchain view {shlex.quote(str(archive))}"
     if run.info.ended != "complete":
         yield f"interrupted: the archive holds what was recorded until then ({len(run[0].time)} frames)"
+
+
+def _own_metric_lines(row: dict[str, Any]) -> Iterator[str]:
+    """A line on each metric of a plug-in."""
+    from warpchain.results.metric_columns import OWN_COLUMNS
+    from warpchain.results.units import quantity_words
+
+    for name, column in OWN_COLUMNS.items():
+        if row.get(name) is not None:
+            yield f"{name}: {quantity_words(row[name], column.unit)}, {column.title}"
 
 
 def _run_json(drive: Drive, run: Run, arguments: argparse.Namespace) -> Iterator[str]:

@@ -29,6 +29,7 @@ from warpchain.cli.shared_options import (
     bytes_from_gibibytes,
     bytes_from_mebibytes,
     length_from_word,
+    load_plugins_of_arguments,
     message_with_options,
     number_from_word,
     number_or_auto_from_word,
@@ -678,6 +679,7 @@ def _run_parsed_command(top: argparse.ArgumentParser, arguments: argparse.Namesp
         top.print_help()
         return WRONG
     try:
+        load_plugins_of_arguments(arguments)
         return int(arguments.run(arguments))
     except WarpchainError as error:
         raise WarpchainError(message_with_options(str(error), arguments)) from None

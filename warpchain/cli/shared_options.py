@@ -32,7 +32,18 @@ def add_command(commands: Any, name: str, run: CommandBody | None, text: str, ex
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     parser.set_defaults(run=run)
+    if run is not None:
+        add_shared_options(parser, "--plugin")
     return parser
+
+
+def load_plugins_of_arguments(arguments: argparse.Namespace) -> None:
+    """Loads the plug-ins that a command's options name."""
+    if arguments.plugin:
+        from warpchain.drive.plugins import load_plugin
+
+        for path in arguments.plugin:
+            load_plugin(path)
 
 
 def number_from_word(word: str) -> float:
@@ -180,6 +191,12 @@ OptionSettings = Mapping[str, Mapping[str, Any]]
 SHARED_OPTIONS: OptionSettings = {
     "drive": {"metavar": "DRIVE", "help": "drive file (TOML), or the name of an example drive such as marine"},
     "archive": {"metavar": "OUT.mcap", "type": Path},
+    "--plugin": {
+        "metavar": "FILE.py",
+        "action": "append",
+        "default": [],
+        "help": "load laws and metrics of one's own (docs/plugins.md)",
+    },
     "--set": {"metavar": "PATH=VALUE", "action": "append", "default": [], "help": "change a value of the drive"},
     "--variant": {"type": int, "metavar": "I", "help": "which variant; default the first recorded"},
     "--workers": {"metavar": "N", "type": workers_from_word, "help": "CPU threads; default all cores"},

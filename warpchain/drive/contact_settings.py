@@ -6,10 +6,12 @@ from collections.abc import Iterable, Iterator, Mapping
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
 
 from pydantic import AfterValidator, Field, create_model
+from pydantic_core import PydanticCustomError
 
-from warpchain.drive.laws import LAWS, Means
+from warpchain.drive.laws import LAWS, Means, is_law
 from warpchain.drive.schema import (
     BARE,
+    WRONG,
     Allowed,
     NonNegative,
     Part,
@@ -28,16 +30,16 @@ MATERIALS = ("width", "reference_load", "roller", "partner")
 
 def _check_law(value: str) -> str:
     """The name of a contact law, if it is known."""
-    if value not in LAWS:
-        raise ValueError("no law")
+    if not is_law(value):
+        raise PydanticCustomError(WRONG, f"must be one of {', '.join(map(repr, LAWS))}".replace("'", '"'))
     return value
 
 
 LawName = Annotated[
     str,
     Field(strict=True),
-    AfterValidator(_check_law),
     Value("must be one of " + ", ".join(f'"{name}"' for name in LAWS)),
+    AfterValidator(_check_law),
 ]
 RestitutionMeans = Annotated[Means, Value('must be "parameter" or "rebound"')]
 Restitution = Annotated[float, Field(strict=True, gt=0, le=1), Value("must be a number above 0, at most 1")]

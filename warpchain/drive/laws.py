@@ -6,9 +6,12 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import Literal
+from typing import Any, Literal
 
+from warpchain.argument_checks import check_arguments
+from warpchain.drive import plugins
 from warpchain.drive.stack_math import elementwise, sqrt
+from warpchain.errors import PluginError
 
 Means = Literal["parameter", "rebound"]
 
@@ -50,14 +53,14 @@ class Law:
     """Contact law of a drive file.
 
     Attributes:
-        force: its function in `kernels/physics/impact.py`.
+        force: its function in `kernels/physics/impact.py`, by name; or a plug-in's.
         factor: dimensionless factor (d or zeta) for a restitution, 0 for 1.
         rebound: speed after an impact over that before for a factor [-].
         unit: unit of the factor in kernels, from stiffness K [N/m^n] and mass m [kg].
         viscous: whether a constant damper stands beside a linear spring, with n = 1.
     """
 
-    force: str
+    force: Any
     factor: Callable[[float], float]
     rebound: Callable[[float], float]
     unit: Callable[[float, float], float] = lambda stiffness, mass: 1.0
@@ -80,7 +83,83 @@ LAWS = {
         viscous=True,
     ),
 }
-"""Contact laws by name."""
+"""Contact laws by name, those of plug-ins among them once they are loaded."""
+LARGEST_FACTOR = 1e12
+"""Factor at which the rebound of every law has come down to any restitution."""
+LAWS_IN_USE: dict[str, None] = {}
+"""Names of plug-ins' laws that drives have, in order."""
+
+
+def is_law(name: str) -> bool:
+    """Whether there is a contact law of this name, for which plug-ins of installed packages are loaded."""
+    if name not in LAWS:
+        plugins.load_installed_plugins()
+    if name in LAWS and not isinstance(LAWS[name].force, str):
+        LAWS_IN_USE[name] = None
+    return name in LAWS
+
+
+@check_arguments(PluginError)
+def contact_law(
+    name: str,
+    *,
+    factor: Callable[[float], float],
+    rebound: Callable[[float], float],
+    unit: Callable[[Any, Any], Any] = lambda stiffness, mass: 1.0,
+    viscous: bool = False,
+) -> Callable[[Any], Any]:
+    """Decorator of a plug-in's `warp.func` that makes it the contact law `name` of drive files.
+
+    The function gets the elastic force K pen^n [N], the impact's speed v0 [m/s] and the damping (factor times `unit`),
+    of one type, float64 or float32. It returns a damper c [N s/m], at least 0, and the speeds that bound its v below
+    and above [m/s], of that type. The contact's force is K pen^n + c v, never negative.
+
+    Args:
+        factor: dimensionless factor for a restitution e, 0 < e <= 1; 0 for 1.
+        rebound: speed after a free impact over that before for a factor [-].
+        unit: unit of the factor, from stiffness K [N/m^n] and mass m [kg], numbers or arrays.
+        viscous: whether a constant damper stands beside a linear spring, with n = 1.
+
+    Raises:
+        PluginError: a name that is taken or not allowed, a function that is no `warp.func`, or a factor and a rebound
+            that are no functions of numbers.
+    """
+
+    def add(force: Any) -> Any:
+        """Adds the law; returns its function."""
+        import warp as wp
+
+        if not isinstance(force, wp.Function):
+            raise PluginError(f"contact law {name!r}: must be a function with @warp.func below @contact_law")
+        if len(force.input_types) != 3:
+            count = len(force.input_types)
+            raise PluginError(f"contact law {name!r}: has {count} arguments; must be elastic, speed, damping")
+        numbers = [_number_function(f"contact law {name!r}: {what}", of)
+                   for what, of in (("factor", factor), ("rebound", rebound))]  # fmt: skip
+        for of, at in zip(numbers, (0.5, 0.1), strict=True):
+            of(at)
+        plugins.add_to_registry(LAWS, "contact law", name, Law(force, numbers[0], numbers[1], unit, viscous))
+        return force
+
+    return add
+
+
+def _number_function(what: str, function: Callable[[float], float]) -> Callable[[float], float]:
+    """A plug-in's function of a number, whose mistakes are errors of one line."""
+    code = getattr(function, "__code__", None)
+    if code is None:
+        raise PluginError(f"{what} must be a function of a number")
+
+    def call(x: float) -> float:
+        """The function's value, a finite number."""
+        file, line = code.co_filename, code.co_firstlineno
+        with plugins.plugin_code(file, file, plugins.METRIC_SECONDS, f"{what} of {x:g}", line):
+            value = plugins.checked_number(function(x))
+            if value is None:
+                raise PluginError("gives None; must be a number")
+            return value
+
+    return call
 
 
 def law_factor(name: str, restitution: float, means: Means = "parameter") -> float:
@@ -102,6 +181,8 @@ def _cached_law_factor(name: str, restitution: float, means: Means) -> float:
     low, high = 0.0, 1.0
     while law.rebound(high) > restitution:
         low, high = high, 2.0 * high
+        if high > LARGEST_FACTOR:
+            raise PluginError(f"contact law {name!r}: no factor has a rebound of {restitution:g}")
     while True:  # the rebound falls with the factor: bisection to the last digit
         middle = 0.5 * (low + high)
         if not low < middle < high:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING
 
-from warpchain.drive.laws import LAWS, law_factor
+from warpchain.drive.laws import LAWS, is_law, law_factor
 from warpchain.drive.stack_math import elementwise, power
 from warpchain.drive.toml import value_text
 from warpchain.errors import DriveError, drive_error
@@ -95,7 +95,7 @@ def rebound_ratio(restitution: float, law: str = "lankarani-nikravesh") -> float
     """
     if not 0.0 < restitution <= 1.0:
         raise drive_error([f"restitution = {value_text(restitution)}: must be a number above 0, at most 1"])
-    if law not in LAWS:
+    if not is_law(law):
         raise drive_error([f"law = {law!r}: must be one of {', '.join(LAWS)}"])
     return LAWS[law].rebound(law_factor(law, restitution))
 

@@ -18,6 +18,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
+from warpchain.drive.plugins import load_plugins_of_parent, plugins_environment
 from warpchain.progress import COMPILING, ProgressReport, StopRequest
 from warpchain.python_process import can_start_python, start_python
 
@@ -110,17 +111,24 @@ class CompileJob:
     arch: int
     ptx: bool
     path: Path
+    laws: tuple[str, ...]  # plug-ins', that kernels know
 
 
 def compile_jobs(wanted: Iterable[KernelSpec], device: str) -> Iterator[CompileJob]:
     """Jobs for the GPU kernels that Warp's cache lacks."""
     import warp as wp
 
+    from warpchain.engine.own_laws import added_laws
+
     for of in wanted:
         module, gpu = of.module, wp.get_device(device)
         if not is_cached(module, device, of.threads):
             yield CompileJob(
-                of, module._get_compile_arch(gpu), module._use_ptx(gpu), _cache_path(module, device, of.threads)
+                of,
+                module._get_compile_arch(gpu),
+                module._use_ptx(gpu),
+                _cache_path(module, device, of.threads),
+                added_laws(),
             )
 
 
@@ -158,7 +166,7 @@ def compile_in_processes(jobs: Sequence[CompileJob], cores: int, report: Progres
 
 def _start_compiler(job: CompileJob) -> subprocess.Popen[bytes]:
     """Process that compiles a kernel."""
-    process = start_python(__name__)
+    process = start_python(__name__, environment=plugins_environment())
     assert process.stdin is not None
     with contextlib.suppress(BrokenPipeError), process.stdin as pipe:  # it may have ended
         pipe.write(pickle.dumps(job))
@@ -170,8 +178,12 @@ def compile_job(job: CompileJob) -> None:
     import warp as wp
 
     from warpchain.engine import start_warp
+    from warpchain.engine.own_laws import add_laws
 
     start_warp(precompiled=False)
+    if job.laws:
+        load_plugins_of_parent()
+        add_laws(job.laws)
     wp.config.kernel_cache_dir = str(job.path.parents[1])
     module, threads = job.spec.module, job.spec.threads
     if module.get_module_identifier(threads) == job.path.parent.name:

@@ -211,7 +211,8 @@ class SubensembleQueue:
         blocks = [block for outcome in outcomes for block in outcome.metric_blocks()]
         ended = join_ends([outcome.ends for outcome in outcomes], self._numbers)
         frames = {number: of for outcome in outcomes for number, of in outcome.trajectories.items()}
-        return SubensembleResult(ended, lambda: blocks, frames, max(outcome.end_time for outcome in outcomes))
+        measured = {number: of for outcome in outcomes for number, of in outcome.measured.items()}
+        return SubensembleResult(ended, lambda: blocks, frames, max(of.end_time for of in outcomes), measured)
 
     def _report_progress(self) -> None:
         """Reports the progress of all subensembles; raises their errors."""

@@ -13,6 +13,7 @@ from concurrent.futures import ThreadPoolExecutor
 from queue import SimpleQueue
 from typing import Any
 
+from warpchain.drive.plugins import load_plugins_of_parent, plugins_environment
 from warpchain.errors import SimulationError
 from warpchain.progress import ProgressReport, completed_futures, ignore_progress, raise_if_stopped
 from warpchain.python_process import can_start_python, start_python
@@ -47,7 +48,7 @@ def map_in_processes(
             found.append(_result_or_error(work, thing))
             report(phase, len(found), len(things))
         return found
-    processes = [start_python(__name__, subprocess.PIPE) for _ in range(workers)]
+    processes = [start_python(__name__, subprocess.PIPE, plugins_environment()) for _ in range(workers)]
     idle: SimpleQueue[subprocess.Popen[bytes]] = SimpleQueue()
     for process in processes:
         idle.put(process)
@@ -95,6 +96,7 @@ def serve_requests() -> None:
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # the one who asks ends it
     with os.fdopen(os.dup(1), "wb") as answers:
         os.dup2(2, 1)
+        load_plugins_of_parent()
         while True:
             try:
                 work, thing = pickle.load(sys.stdin.buffer)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from contextlib import AbstractContextManager, nullcontext
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from warpchain.drive import Drive
 from warpchain.errors import SimulationError
 from warpchain.results.chains import trajectory_of_chains
-from warpchain.results.channels import PartCounts, channels_of_drive, drive_frame_width
+from warpchain.results.channels import CHANNEL_NAMES, PartCounts, channels_of_drive, drive_frame_width
 from warpchain.results.run import Record, RunInfo, Trajectory
 from warpchain.results.schedule import Schedule
 
@@ -40,6 +40,20 @@ class RecordingOptions:
     archive: str | Path | None = None  # file that frames go to instead of memory
     options: ArchiveOptions | None = None
     overwrite: bool = False
+    measured: tuple[str, ...] = ()  # channels whose frames in the window plug-ins' metrics need, of all variants
+
+    @property
+    def frames(self) -> Record:
+        """Options of frames: those of the recording, with what metrics need."""
+        if not self.measured:
+            return self.record
+        return replace(self.record, variants="all", channels=self.channels_with_measured)
+
+    @property
+    def channels_with_measured(self) -> tuple[str, ...]:
+        """Channels that are recorded, and those that metrics need."""
+        wanted = {*self.record.channels, *self.measured}
+        return tuple(name for name in CHANNEL_NAMES if name in wanted)
 
     def open_archive(self, drives: Sequence[Drive], info: RunInfo) -> AbstractContextManager[ArchiveWriter | None]:
         """Context of the writer of a run's archive, or None."""
@@ -106,8 +120,10 @@ class Recorder:
             numbers.tolist(),
             packed,
         )
-        self.channels = tuple(recording.record.channels)
-        recorded = recording.record.indices(count)
+        self.channels, self._measured_channels = tuple(recording.record.channels), recording.measured
+        self._frame_channels = tuple(recording.frames.channels)
+        self._recorded = frozenset(recording.record.indices(count))
+        recorded = recording.frames.indices(count)
         self.indices = np.flatnonzero(np.isin(numbers, recorded)).tolist()
         if self.indices:  # of what statistics leave in all, by the variants that are recorded
             memory = memory * count * len(self.indices) // (len(numbers) * len(recorded))
@@ -117,7 +133,8 @@ class Recorder:
         self.widths = np.array([drive_frame_width(rows.models[r], packed.frame) for r in self.written], dtype=np.int64)
         self.every = np.array([schedules[v].frame_interval for v in self.owners], dtype=np.int64)
         self.bytes_per_value = np.dtype(recording.precision).itemsize
-        self._kept: dict[int, list[Trajectory]] = {v: [] for v in self.indices}
+        self._kept: dict[int, list[Trajectory]] = {v: [] for v in self.indices if self.numbers[v] in self._recorded}
+        self._measured: dict[int, list[Trajectory]] = {v: [] for v in self.indices if recording.measured}
         self._archive = archive
         self._budget = recording.memory
         self._buffer_values = int(BUFFER_FRACTION * memory) // (2 * self.bytes_per_value)
@@ -126,7 +143,7 @@ class Recorder:
                 f"record: one frame of {len(self.indices)} variants takes more than a quarter of the memory budget of "
                 f"{self._budget / 2**30:.3g} GiB; record fewer variants or raise memory="
             )
-        if archive is None:
+        if archive is None or recording.measured:
             self._check_memory(memory)
 
     def _check_memory(self, memory: int) -> None:
@@ -177,11 +194,21 @@ class Recorder:
         """Trajectory of a row's frames in a buffer, copied."""
         model = self.rows.models[r]
         channels = self.packed.frame.split_frames(values, PartCounts.of_drive(model))
-        held = {name: np.array(channels[name], order="C") for name in channels_of_drive(model, self.channels)}
+        held = {name: np.array(channels[name], order="C") for name in channels_of_drive(model, self._frame_channels)}
         return Trajectory(self.drives[self.rows.variant_of_row[r]], time, **held, chain=model)
 
     def _keep_chunk(self, v: int, chunk: Trajectory) -> None:
-        """Appends recorded frames to archive or memory."""
+        """Appends recorded frames to archive or memory, and those in the window to what metrics are computed of."""
+        if self._measured_channels:
+            schedule = self.schedules[v]
+            first, last = ((step - 0.5 * way) * schedule.step
+                           for step, way in ((schedule.window_start, 1), (schedule.window_end, -1)))  # fmt: skip
+            inside = (chunk.time > first) & (chunk.time < last)
+            self._measured[v].append(_with_channels(chunk.at(np.flatnonzero(inside)), self._measured_channels))
+        if self.numbers[v] not in self._recorded:
+            return
+        if self._measured_channels:
+            chunk = _with_channels(chunk, self.channels)
         if self._archive is not None:
             self._archive.append(self.numbers[v], chunk)
         else:
@@ -189,19 +216,32 @@ class Recorder:
 
     def kept_trajectories(self) -> Mapping[int, Trajectory]:
         """Trajectories kept in memory, by variants' numbers; hands them over."""
-        return {} if self._archive is not None else {self.numbers[v]: self._joined_trajectory(v) for v in self.indices}
+        if self._archive is not None:
+            return {}
+        return {self.numbers[v]: self._joined_trajectory(v, self._kept, self.channels) for v in list(self._kept)}
 
-    def _joined_trajectory(self, v: int) -> Trajectory:
+    def measured_trajectories(self) -> Mapping[int, Trajectory]:
+        """Frames in the window for plug-ins' metrics, by variants' numbers; hands them over."""
+        held, channels = self._measured, self._measured_channels
+        return {self.numbers[v]: self._joined_trajectory(v, held, channels) for v in list(held)}
+
+    def _joined_trajectory(self, v: int, held: dict[int, list[Trajectory]], wanted: tuple[str, ...]) -> Trajectory:
         """Trajectory joined of a variant's parts."""
-        chunks = self._kept.pop(v)
+        chunks = held.pop(v)
         if not chunks:
             rows = range(self.begins[v], self.begins[v + 1])
             widths = [drive_frame_width(self.rows.models[r], self.packed.frame) for r in rows]
             parts = [self._trajectory(r, np.zeros(0), np.zeros((0, w))) for r, w in zip(rows, widths, strict=True)]
-            return trajectory_of_chains(self.drives[v], parts)
+            return _with_channels(trajectory_of_chains(self.drives[v], parts), wanted)
         if len(chunks) == 1:
             return chunks[0]
         time = np.concatenate([chunk.time for chunk in chunks])
-        names = channels_of_drive(chunks[0].drive, self.channels)
+        names = channels_of_drive(chunks[0].drive, wanted)
         joined = {name: np.concatenate([getattr(chunk, name) for chunk in chunks]) for name in names}
         return Trajectory(chunks[0].drive, time, **joined)
+
+
+def _with_channels(trajectory: Trajectory, wanted: Sequence[str]) -> Trajectory:
+    """Trajectory with those of its channels that are wanted."""
+    dropped: dict[str, Any] = {name: None for name in trajectory.channels() if name not in wanted}
+    return replace(trajectory, **dropped)

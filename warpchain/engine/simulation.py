@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from warpchain.argument_checks import Count, FiniteNumber, PositiveNumber, Workers, check_arguments
 from warpchain.assembly.timestep import resolve_step
 from warpchain.drive import Drive
+from warpchain.drive.plugins import plugin_words
 from warpchain.drive.replicates import REPLICATE_WAYS, CopyCount, Replicates, all_copies
 from warpchain.drive.stack_math import maximum
 from warpchain.engine.recorder import Recorder, RecordingOptions
@@ -26,6 +27,7 @@ from warpchain.model.stacks import Stack, first_refusal, first_refused_variant, 
 from warpchain.progress import Progress, interruptible_work, progress_reporter
 from warpchain.results.judgement import Limits, judgement_warning
 from warpchain.results.metrics import metrics_table
+from warpchain.results.own_metrics import metric_channels, with_own_metrics
 from warpchain.results.replicate_metrics import metrics_with_copies
 from warpchain.results.run import Record, Run, RunInfo
 from warpchain.results.schedule import LOOK_EVERY, Schedules, whole_steps
@@ -111,6 +113,7 @@ def simulate(
     """
     from warpchain.assembly.stack_assembly import layout_faults_line
     from warpchain.engine import start_warp
+    from warpchain.engine.own_laws import add_laws
     from warpchain.engine.packed_ensemble import real_type
     from warpchain.engine.pipeline import MOST_PER_GPU, SubensembleQueue, plan_run
     from warpchain.engine.subensemble import DeviceSettings, Subensemble, Variants
@@ -118,18 +121,22 @@ def simulate(
     from warpchain.results.channels import frame_with_channels
 
     start_warp()
+    add_laws()
     chosen = (drives,) if isinstance(drives, Drive) else tuple(drives)
     copies = Replicates(replicates, replicate_by)
     chosen = tuple(all_copies(chosen, copies))
     if not chosen:
         raise SimulationError("drives: none given; at least one is needed")
-    recording = RecordingOptions(record or Record(), precision, memory, archive, archive_options, overwrite)
+    plugins, measured = plugin_words(), metric_channels()
+    if states is not None and measured:
+        raise SimulationError("keep_states: not with a plug-in's metric that reads frames, which go on from no state")
+    recording = RecordingOptions(record or Record(), precision, memory, archive, archive_options, overwrite, measured)
     stacks = stacks_of_drives(chosen, len(chosen))
-    schedules = schedules_of(chosen, duration, step, recording.record, window, stacks)
+    schedules = schedules_of(chosen, duration, step, recording.frames, window, stacks)
     cores = workers or available_cores()
     types(real_type(precision))  # an unknown precision ends here; made before threads of subensembles ask for them
     variants = Variants(chosen, schedules, stacks, np.arange(len(chosen)))
-    frame = frame_with_channels(recording.record.channels)
+    frame = frame_with_channels(recording.frames.channels)
     most = (
         MOST_PER_GPU if archive is None else 1
     )  # one at a time writes to an archive, so that its files follow the time
@@ -140,7 +147,9 @@ def simulate(
     created = datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds")
     steps = schedules.columns["step"]
     common = float(steps[0]) if (steps == steps[0]).all() else None
-    info = RunInfo(installed_version(), ",".join(devices), precision, created=created, step=common, choice=why)
+    info = RunInfo(
+        installed_version(), ",".join(devices), precision, created=created, step=common, choice=why, plugins=plugins
+    )
     if states is not None:
         states.prepare(len(chosen))
     kept = None if any(drive.chains for drive in chosen) else states
@@ -164,7 +173,8 @@ def simulate(
                     _warn_caller(LayoutWarning, layout_faults_line(queue.layout_faults))
                     outcome = queue.joined_result()
         info = replace(info, ended="interrupted" if stop.is_asked else "complete", wall_time=outcome.end_time - begin)
-        metrics = metrics_with_copies(metrics_table(outcome.ends, outcome.metric_blocks(), limits), copies.count)
+        table = metrics_table(outcome.ends, outcome.metric_blocks(), limits)
+        metrics = metrics_with_copies(with_own_metrics(table, chosen, outcome.measured), copies.count)
         _warn_caller(SuspectWarning, judgement_warning(metrics["status"].to_pylist(), metrics["reason"].to_pylist()))
         return Run(chosen, metrics, recording.finished_trajectories(writer, metrics, info, outcome.trajectories), info)
 

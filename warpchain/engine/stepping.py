@@ -27,6 +27,7 @@ from warpchain.model.stacks import stacks_of_drives
 from warpchain.progress import Progress, interruptible_work, progress_reporter
 from warpchain.results.judgement import Limits, judgement_warning
 from warpchain.results.metrics import metrics_table
+from warpchain.results.own_metrics import with_own_metrics
 from warpchain.results.run import Record, check_channel_names
 
 if TYPE_CHECKING:
@@ -99,12 +100,14 @@ def stepping(
     """
     from warpchain.engine import start_warp
     from warpchain.engine.devices import choose_devices
+    from warpchain.engine.own_laws import add_laws
     from warpchain.engine.packed_ensemble import real_type
     from warpchain.engine.subensemble import DeviceSettings, Subensemble, Variants
     from warpchain.kernels.structs import types
     from warpchain.results.channels import WHOLE_FRAME, frame_with_channels
 
     start_warp()
+    add_laws()
     chosen = (drives,) if isinstance(drives, Drive) else tuple(drives)
     if not chosen:
         raise SimulationError("drives: none given; at least one is needed")
@@ -446,7 +449,7 @@ class SteppedRun:
     def metrics(self, limits: Limits | None = None) -> pa.Table:
         """Metrics over the window as of `simulate`, the energy balance with what came through inputs.
 
-        Metrics of a window that has not ended are missing.
+        Metrics of a window that has not ended are missing, as are plug-ins' metrics that read frames.
 
         Warns:
             SuspectWarning: variants that are not "ok".
@@ -455,7 +458,7 @@ class SteppedRun:
         if self._clock.taken[0] < 0:
             self._begin(engine)
         ended, blocks = self._part.outcome(engine, self._settled, self._stored)
-        table = metrics_table(ended, blocks(), limits)
+        table = with_own_metrics(metrics_table(ended, blocks(), limits), self.drives)
         line = judgement_warning(table["status"].to_pylist(), table["reason"].to_pylist())
         if line is not None and ended.is_measured.all():
             warn_caller(line, SuspectWarning)

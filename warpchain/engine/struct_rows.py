@@ -21,6 +21,7 @@ from warpchain.drive.motion_table import Table
 from warpchain.drive.stack_math import array_of_columns, maximum, power, with_last_axis
 from warpchain.drive.stiffness import contact_damping
 from warpchain.engine.body_struct_rows import fill_place_tables, fill_train_counts, piece_count
+from warpchain.engine.own_laws import form_of_law
 from warpchain.kernels.integrate import INTEGRATORS
 from warpchain.kernels.physics.impact import FORCES
 from warpchain.kernels.physics.mount import CARRIED, FREE, PRESCRIBED
@@ -80,7 +81,7 @@ class RowList:
 
 def fill_law_row(row: Any, contact: ImpactLaw, stiffness: float, mass: float) -> None:
     """Fills a `structs.ContactLaw`, apart from step and bodies."""
-    row["form"] = FORCE_NUMBERS[LAWS[contact.law].force]
+    row["form"] = form_of_law(LAWS[contact.law])
     row["stiffness"] = stiffness
     row["exponent"] = contact.exponent
     row["damping"] = contact_damping(contact, stiffness, mass)

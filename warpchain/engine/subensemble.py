@@ -91,6 +91,7 @@ class SubensembleResult:
     metric_blocks: Callable[[], ColumnBlocks]  # gives the metrics, numbered as in the run
     trajectories: Mapping[int, Trajectory]  # recorded in memory, by numbers in the run
     end_time: float  # of the last step, by `time.monotonic` [s]
+    measured: Mapping[int, Trajectory]  # frames in the window for plug-ins' metrics, by numbers in the run
 
 
 class Subensemble:
@@ -152,7 +153,7 @@ class Subensemble:
             _launch_all_steps(engine, steps, buffer_values, recorder, report, stop, keeper)
             at = time.monotonic()
             ended, blocks = self.outcome(engine, settled)
-            return SubensembleResult(ended, blocks, recorder.kept_trajectories(), at)
+            return SubensembleResult(ended, blocks, recorder.kept_trajectories(), at, recorder.measured_trajectories())
         finally:
             engine.close()
 

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from warpchain.drive.plugins import load_installed_plugins
 from warpchain.model import Model
 from warpchain.model.friction_coefficients import has_partner_friction
 from warpchain.model.mounts import has_moving_center
@@ -613,6 +614,8 @@ COLUMN_BY_NAME = {
     for c in group.columns
 }
 COLUMN_BY_NAME |= {c.name: c for c in MODE_METRICS}
+OWN_COLUMNS: dict[str, Column] = {}
+"""Columns of plug-ins' metrics, by name (`results.own_metrics`)."""
 
 
 def groups_of_drive(model: ChainModel, blocks: GroupBlocks = ALL_METRICS) -> list[tuple[str, int, MetricGroup]]:
@@ -665,16 +668,18 @@ def variants_by_columns(
 
 
 def metric_names(drive: Drive) -> list[str]:
-    """Names of the metrics that a drive has."""
+    """Names of the metrics that a drive has, those of plug-ins last."""
+    load_installed_plugins()
     chains, found = Model(drive).chains, []
     if len(chains) == 1:
-        return [prefix + column.name for prefix, _, group in groups_of_drive(chains[0]) for column in group.columns]
+        groups = groups_of_drive(chains[0])
+        return [*(prefix + column.name for prefix, _, group in groups for column in group.columns), *OWN_COLUMNS]
     for chain in chains:
         for prefix, _, group in groups_of_drive(chain):
             before = f"{chain.name}.{prefix}" if group.part in CHAIN_PARTS else prefix
             columns = [c for c in group.columns if group is not BALANCE_METRICS or c.name in CHAIN_BALANCE_NAMES]
             found += [before + column.name for column in columns]
-    return [*found, *(column.name for column in BALANCE_METRICS.columns), "steady"]
+    return [*found, *(column.name for column in BALANCE_METRICS.columns), "steady", *OWN_COLUMNS]
 
 
 def metric_table_names(drive: Drive) -> list[str]:

@@ -215,6 +215,7 @@ class RunInfo:
         step: [s]; None where variants differ.
         seed: of the variants' design.
         choice: why it ran on that device.
+        plugins: names and SHA-256 digests of the plug-ins that were loaded; None where there was none.
     """
 
     version: str
@@ -226,6 +227,7 @@ class RunInfo:
     step: float | None = None
     seed: int | None = None
     choice: str | None = None
+    plugins: str | None = None
 
 
 @dataclass(frozen=True)

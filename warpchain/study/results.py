@@ -12,11 +12,13 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from warpchain.drive.plugins import missing_plugins
 from warpchain.drive.schema import names_text, nearest_key_text
-from warpchain.errors import StudyError
+from warpchain.errors import StudyError, warn_caller
 from warpchain.results.arrow_tables import export_table as export_table
 from warpchain.results.arrow_tables import table_without_unit_heads
 from warpchain.results.metric_columns import RUN_METRICS, SETTLING_METRICS
+from warpchain.results.own_metrics import PLUGINS_KEY
 from warpchain.results.replicate_metrics import COUNT_COLUMN, ERROR_SUFFIX, ROLE_OF_ERRORS
 from warpchain.results.statuses import common_reasons
 from warpchain.study.store import OUTCOME_COLUMNS, ROW_STATUSES, check_archive_name, read_table
@@ -327,6 +329,9 @@ def read_results(
     from warpchain.results.metric_columns import column_of_metric
 
     table = source if isinstance(source, pa.Table) else read_table(Path(source))
+    words = (table.schema.metadata or {}).get(PLUGINS_KEY.encode(), b"").decode()
+    if not isinstance(source, pa.Table) and (missing := missing_plugins(words)) is not None:
+        warn_caller(f"{source}: made with a plug-in that is not here: {missing}")
     if not isinstance(source, pa.Table) and Path(source).suffix == ".csv":
         table = table_without_unit_heads(table)
     chosen = tuple(factors) if factors is not None else _columns_with_role(table, b"factor")

@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Any, Literal
 from warpchain.argument_checks import Count, Index, Workers, check_arguments
 from warpchain.drive import Drive, dumps_drive, load_drive
 from warpchain.drive.drive_text import self_contained_text
+from warpchain.drive.plugins import plugin_words
 from warpchain.engine.simulation import MEMORY, available_cores
 from warpchain.errors import StudyError
 from warpchain.progress import Progress
@@ -147,7 +148,8 @@ class StudySession:
     @check_arguments(StudyError)
     def row_digests(self, design: pa.Table) -> list[str | None]:
         """Digests of design rows by drive and settings, or None."""
-        common = json.dumps({**run_settings_of(self.study), "warpchain": installed_version()}, sort_keys=True)
+        by = {"warpchain": installed_version()} | ({"plugins": words} if (words := plugin_words()) else {})
+        common = json.dumps({**run_settings_of(self.study), **by}, sort_keys=True)
         texts = [None if v.drive is None else dumps_drive(v.drive) for v in self._built_variants(design)]
         return [text and hashlib.sha256(f"{common}\n{text}".encode()).hexdigest() for text in texts]
 

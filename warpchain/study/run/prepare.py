@@ -79,10 +79,13 @@ def prepare_folder(
     grow: bool = False,
 ) -> StudyFolder:
     """Study folder, made, grown or opened; arguments as in `run_study`."""
+    begun = (Path(out) / "plan.json").exists()
+    if begun:
+        open_folder(Path(out)).check_plugins()
     study, drive, design = read_study(source)
     runs = design.num_rows * study.design.copies
     size = study.run.shard or preferred_shard_size(study, drive, runs, parts, workers or available_cores(), memory)
-    if not grow or not (Path(out) / "plan.json").exists():
+    if not grow or not begun:
         folder = make_folder(Path(out), study, drive, design, size)
         write_study_text(folder.path / DRIVE_TEXT_FILE, self_contained_text(base_drive_file(study, source)), keep=True)
         return folder

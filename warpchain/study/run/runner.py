@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from warpchain.argument_checks import Count, Index, Workers, check_arguments
+from warpchain.drive.plugins import loaded_plugins
 from warpchain.engine.simulation import MEMORY
 from warpchain.errors import StudyError, warn_caller
 from warpchain.extras import require_extra
@@ -307,7 +308,7 @@ def run_folder(
     progress: Progress = False,
 ) -> StudyStatus:
     """Runs the rest of a study's folder; returns its status."""
-    options = {"workers": workers, "memory": memory}
+    options = {"workers": workers, "memory": memory, "plugins": [str(of.path) for of in loaded_plugins()]}
     mine = [shard for shard in folder.shard_numbers if part is None or shard % part[1] == part[0]]
     left = [shard for shard in mine if not folder.is_done(shard)]
     total, rest = (float(sum(map(folder.shard_run_count, shards))) for shards in (mine, left))

@@ -49,6 +49,7 @@ class ShardPlan:
     first_shard: int = 0
     identity: str = ""  # the plan's digest, which its tables bear
     digests: Mapping[str, str] = field(default_factory=dict)  # SHA-256 of the plan's files
+    plugins: str | None = None  # names and digests of the plug-ins with which it was made
 
     @property
     def run_count(self) -> int:
@@ -115,6 +116,8 @@ def plan_file_name(name: str, number: int) -> str:
 
 def write_plan(path: Path, number: int, facts: Mapping[str, Any]) -> None:
     """Writes the file of a plan, unless it exists."""
+    from warpchain.drive.plugins import plugin_words
+
     names = (
         PLAN_FILES
         if not number
@@ -123,6 +126,7 @@ def write_plan(path: Path, number: int, facts: Mapping[str, Any]) -> None:
     plan: dict[str, Any] = {
         "format": PLAN_FORMAT,
         **facts,
+        **({} if (words := plugin_words()) is None else {"plugins": words}),
         "digests": {name: file_digest(path / name) for name in names},
     }
     plan["digest"] = _plan_digest(plan)
@@ -142,7 +146,7 @@ def read_plan(path: Path, number: int, before: Sequence[ShardPlan]) -> tuple[int
         if number and plan["after"] != before[-1].identity:
             raise ValueError("it follows another plan")
         blocks = [RunBlock((a, b), (c, d)) for a, b, c, d in plan.get("blocks", [(0, rows, 0, 1)])]
-        restart = bool(plan.get("restart", False))
+        restart, words = bool(plan.get("restart", False)), str(plan.get("plugins", "")) or None
     except OSError:
         raise StudyError(f"{path}: not a study's folder; make one with: warpchain study run") from None
     except (ValueError, KeyError, TypeError):
@@ -150,7 +154,7 @@ def read_plan(path: Path, number: int, before: Sequence[ShardPlan]) -> tuple[int
     if not known:
         raise StudyError(f"{file}: format {plan['format']!r} is not known to this version ({PLAN_FORMAT})")
     first = before[-1].shard_numbers.stop if before else 0
-    return rows, ShardPlan(tuple(blocks), shard, first, identity, digests), restart
+    return rows, ShardPlan(tuple(blocks), shard, first, identity, digests, words), restart
 
 
 def _plan_digest(plan: Mapping[str, Any]) -> str:

@@ -15,12 +15,14 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from warpchain.drive.plugins import load_plugin, plugin_words
 from warpchain.drive.replicates import numbered_copies
 from warpchain.engine.simulation import MEMORY, available_cores
 from warpchain.errors import DriveError, SimulationError, WarpchainError
 from warpchain.gc_tuning import rare_collections
 from warpchain.progress import RUNNING, ProgressReport, ignore_progress, partial_report
 from warpchain.results.metrics import select_metrics, table_from_rows
+from warpchain.results.own_metrics import PLUGINS_KEY
 from warpchain.results.replicate_metrics import COPY_COLUMN
 from warpchain.study.results import ADJUSTMENT_COLUMNS, ARCHIVE_COLUMNS, RUN_COLUMNS
 from warpchain.study.run.row_drives import Variant, build_drives, check_variant
@@ -253,13 +255,13 @@ def run_shard(
     """Simulates a study's shard; returns its number of runs.
 
     Args:
-        options: `memory` and `workers` of `simulate`.
+        options: `memory` and `workers` of `simulate`; `plugins`, the files of plug-ins to load.
 
     Raises:
         WarpchainError: an error that is not of single variants, such as a full disk.
         KeyboardInterrupt: the user stopped it; nothing is written.
     """
-    opened = open_folder(Path(folder))
+    opened = _open_with_plugins(Path(folder), options)
     if not opened.is_done(shard):
         numbers, copies = opened.shard_runs(shard)
         recorded = opened.directly_recorded()
@@ -276,12 +278,21 @@ def record_worst_variants(
     report: ProgressReport = ignore_progress,
 ) -> None:
     """Simulates a study's worst variants again to record them."""
-    opened = open_folder(folder)
+    opened = _open_with_plugins(folder, options)
     place = {variant: row for row, variant in enumerate(opened.read_design()["variant"].to_pylist())}
     numbers = np.array([place[variant] for variant, _ in variants], dtype=np.int64)
     copies = np.array([copy for _, copy in variants], dtype=np.int64)
     rows = _rows_of_runs(opened, numbers, copies)
     _simulate_and_write(opened, opened.worst_shard, rows, set(range(len(variants))), options or {}, report)
+
+
+def _open_with_plugins(folder: Path, options: Mapping[str, Any] | None) -> StudyFolder:
+    """Study folder, opened once the plug-ins are loaded that it was begun with."""
+    for file in (options or {}).get("plugins", ()):
+        load_plugin(file)
+    opened = open_folder(folder)
+    opened.check_plugins()
+    return opened
 
 
 def _rows_of_runs(folder: StudyFolder, numbers: Indices, copies: Indices) -> pa.Table:
@@ -304,7 +315,8 @@ def _simulate_and_write(
     from warpchain.archive.options import ArchiveOptions
 
     study = folder.study
-    options = {**options, "archive_options": ArchiveOptions(attachments=folder.archive_mark(shard))}
+    options = {name: value for name, value in options.items() if name != "plugins"}
+    options["archive_options"] = ArchiveOptions(attachments=folder.archive_mark(shard))
     found = enumerate(rows.to_pylist())
     variants = [
         Variant(row, reason=row["reason"], recorded=i in recorded, copy=row.pop(COPY_COLUMN, 0)) for i, row in found
@@ -352,8 +364,9 @@ def shard_table(study: Study, rows: pa.Table, variants: Sequence[Variant]) -> pa
         if field_.name != "variant":
             role = {} if field_.name in RUN_COLUMNS else {"role": "metric"}
             columns.append(column.combine_chunks())
-            fields.append(field_.with_metadata({**role, "unit": field_.metadata[b"unit"]}))
-    return pa.Table.from_arrays(columns, schema=pa.schema(fields))
+            fields.append(field_.with_metadata({**field_.metadata, **role}))
+    words = plugin_words()
+    return pa.Table.from_arrays(columns, schema=pa.schema(fields, metadata=words and {PLUGINS_KEY: words}))
 
 
 def _kept_metrics(study: Study, variants: Sequence[Variant]) -> pa.Table:

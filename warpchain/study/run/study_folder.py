@@ -83,6 +83,16 @@ class StudyFolder:
         """Digest of the last plan, which tables bear."""
         return self.plans[-1].identity
 
+    def check_plugins(self) -> None:
+        """Raises StudyError for plug-ins of the last plan that are not loaded, or have changed."""
+        if self.plans[-1].plugins is None:
+            return
+        from warpchain.drive.plugins import missing_plugins
+
+        missing = missing_plugins(self.plans[-1].plugins)
+        if missing is not None:
+            raise StudyError(f"{self.path}: was begun with a plug-in that is not here: {missing}; give it (--plugin)")
+
     @property
     def shard_numbers(self) -> Sequence[int]:
         """Numbers of all shards of the folder."""

@@ -11,6 +11,7 @@ from warpchain.argument_checks import check_arguments
 from warpchain.assembly.frequencies import excited_orders
 from warpchain.drive import Drive, dumps_drive
 from warpchain.drive.body_ties import rotation_owners
+from warpchain.drive.plugins import short_plugin_words
 from warpchain.errors import ArchiveError, SimulationError
 from warpchain.files import refusals_as_errors, write_text_file
 from warpchain.results.chains import chain_metrics_row, chain_trajectories
@@ -370,6 +371,7 @@ def _about_lines(source: Run | str | Path, drive: Drive, info: RunInfo) -> list[
         with Path(source).open("rb") as file:
             whole = hashlib.file_digest(file, "sha256").hexdigest()
         lines.insert(0, f"{Path(source).name} (SHA-256 {whole[:DIGEST_LETTERS]})")
+    lines += [] if info.plugins is None else [f"with plug-ins: {short_plugin_words(info.plugins)}"]
     return [line for line in lines if line]
 
 

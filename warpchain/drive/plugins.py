@@ -1,0 +1,295 @@
+"""Plug-ins: users' files and installed packages that add contact laws and metrics (docs/plugins.md).
+
+A plug-in is Python code that is run once; its decorators (`warpchain.contact_law`, `warpchain.metric`) add to the
+registries. What its code raises becomes an error of one line, with its file and line number.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import math
+import os
+import signal
+import sys
+import threading
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+from types import FrameType, ModuleType, TracebackType
+from typing import Any
+
+from warpchain.argument_checks import check_arguments
+from warpchain.errors import PluginError
+
+GROUPS = ("warpchain.laws", "warpchain.metrics")
+"""Groups of entry points whose modules are plug-ins."""
+LOADING_SECONDS, METRIC_SECONDS = 60.0, 10.0
+"""Time that a plug-in may take to load, and a metric of it for one variant [s]."""
+
+
+@dataclass(frozen=True)
+class Plugin:
+    """A plug-in that is loaded.
+
+    Attributes:
+        name: of its file, or MODULE of an installed package.
+        digest: SHA-256 of its file, in hexadecimal digits.
+        path: its file.
+    """
+
+    name: str
+    digest: str
+    path: Path
+
+    @property
+    def words(self) -> str:
+        """Name and digest, as archives and tables have them."""
+        return f"{self.name} sha256:{self.digest}"
+
+
+_LOADED: dict[Path, Plugin] = {}
+_ADDED: list[Callable[[], object]] = []
+"""Functions that take back what the plug-in has added that is being loaded."""
+
+
+@check_arguments(PluginError)
+def load_plugin(path: str | os.PathLike[str]) -> Plugin:
+    """Loads a plug-in's file, once: what its decorators define can then be used in drives, runs and studies.
+
+    Raises:
+        PluginError: a file that cannot be read, that has changed since it was loaded, or whose code fails.
+    """
+    file = Path(path).resolve()
+    digest = _file_digest(file, str(path))
+    known = _LOADED.get(file)
+    if known is not None:
+        if known.digest != digest:
+            raise PluginError(f"{path}: has changed since it was loaded; start Python anew")
+        return known
+    if file.suffix != ".py":
+        raise PluginError(f"{path}: a plug-in is a Python file, which ends in .py")
+    module = ModuleType(f"warpchain_plugin_{file.stem}_{digest[:8]}")
+    module.__file__ = str(file)
+
+    def run() -> None:
+        """Runs the plug-in's code as a module of its own."""
+        sys.modules[module.__name__] = module
+        exec(compile(file.read_bytes(), str(file), "exec"), module.__dict__)
+
+    return _add_plugin(Plugin(file.name, digest, file), str(path), run)
+
+
+def _file_digest(file: Path, name: str) -> str:
+    """SHA-256 of a plug-in's file."""
+    try:
+        return hashlib.sha256(file.read_bytes()).hexdigest()
+    except OSError as error:
+        raise PluginError(f"{name}: cannot be read ({error.strerror or error})") from None
+
+
+def _add_plugin(plugin: Plugin, name: str, run: Callable[[], object]) -> Plugin:
+    """A plug-in whose code has been run; what it added is taken back where that fails."""
+    _ADDED.clear()
+    try:
+        with plugin_code(str(plugin.path), name, LOADING_SECONDS):
+            run()
+    except BaseException:
+        for take_back in reversed(_ADDED):
+            take_back()
+        raise
+    finally:
+        _ADDED.clear()
+    _LOADED[plugin.path] = plugin
+    return plugin
+
+
+@cache
+def load_installed_plugins() -> None:
+    """Loads the plug-ins of installed packages, by the entry points of `GROUPS`, once.
+
+    Raises:
+        PluginError: the code of one fails.
+    """
+    from importlib.metadata import entry_points
+
+    for point in {of.value: of for group in GROUPS for of in entry_points(group=group)}.values():
+        name = f"{point.value} of the installed package {point.dist.name if point.dist else point.module}"
+        with plugin_code("", name, LOADING_SECONDS):
+            file = _module_file(point.module)
+        if file not in _LOADED:
+            _add_plugin(Plugin(point.module, _file_digest(file, name), file), name, point.load)
+
+
+def _module_file(module: str) -> Path:
+    """File of a module that need not be imported yet."""
+    from importlib.util import find_spec
+
+    found = find_spec(module)
+    if found is None or not found.has_location or found.origin is None:
+        raise ModuleNotFoundError(f"No module named {module!r} that is a file")
+    return Path(found.origin).resolve()
+
+
+def loaded_plugins() -> tuple[Plugin, ...]:
+    """Plug-ins that are loaded, in order, those of installed packages among them."""
+    load_installed_plugins()
+    return tuple(_LOADED.values())
+
+
+def plugin_words() -> str | None:
+    """Names and digests of all loaded plug-ins, or None where there is none."""
+    return ", ".join(plugin.words for plugin in loaded_plugins()) or None
+
+
+def short_plugin_words(words: str) -> str:
+    """Names and digests of `plugin_words` for people, digests by their first digits."""
+    return ", ".join(f"{name} (sha256 {digest[:8]})" for name, _, digest in
+                     (word.rpartition(" sha256:") for word in words.split(", ")))  # fmt: skip
+
+
+def missing_plugins(words: str | None) -> str | None:
+    """Which of the plug-ins that `plugin_words` once gave are not loaded now, in words; None where all are."""
+    if not words:
+        return None
+    here = {plugin.name: plugin.digest for plugin in loaded_plugins()}
+    lines = []
+    for word in words.split(", "):
+        name, _, digest = word.rpartition(" sha256:")
+        if name not in here:
+            lines.append(f"{name} (sha256 {digest[:8]}) is not loaded")
+        elif here[name] != digest:
+            lines.append(f"{name} has changed (sha256 {digest[:8]}, now {here[name][:8]})")
+    return ", ".join(lines) or None
+
+
+def digest_of_file(file: str) -> str:
+    """SHA-256 of the plug-in that is a file, "" where no plug-in is."""
+    plugin = _LOADED.get(Path(file).resolve())
+    if plugin is not None:
+        return plugin.digest
+    return ""
+
+
+def add_to_registry(registry: dict[str, Any], kind: str, name: str, value: Any) -> None:
+    """Adds what a plug-in defines to a registry, from which it goes again should the plug-in fail.
+
+    Raises:
+        PluginError: a name that is no word of small letters, digits, "_" and "-", or that is taken.
+    """
+    if not (isinstance(name, str) and name.replace("_", "a").replace("-", "a").isalnum() and name == name.lower()):
+        raise PluginError(f"{kind} {name!r}: must be a word of small letters, digits, _ and -")
+    if name in registry:
+        raise PluginError(f"{kind} {name!r}: there is one of this name already")
+    registry[name] = value
+    _ADDED.append(lambda: registry.pop(name, None))
+
+
+class _OutOfTimeError(BaseException):
+    """Code of a plug-in takes too long; no `except Exception` of it holds this."""
+
+
+@contextmanager
+def plugin_code(file: str, name: str, seconds: float, what: str = "", line: int = 0) -> Iterator[None]:
+    """Context in which code of a plug-in runs, for so many seconds at most.
+
+    The limit holds in the main thread, between two instructions of Python.
+
+    Args:
+        file: the plug-in's, whose lines are named.
+        name: by which errors call it.
+        what: which code of it runs, in words; "" for all.
+        line: where that begins, for errors in no line of the file; 0 for none.
+
+    Raises:
+        PluginError: what the code raises, with file and line, in one line.
+    """
+    try:
+        with _time_limit(seconds):
+            yield
+    except (KeyboardInterrupt, MemoryError):
+        raise
+    except BaseException as error:
+        found = _line_in_file(error.__traceback__, file) or line
+        if isinstance(error, SyntaxError) and error.filename == file:
+            found = error.lineno or 0
+        where = f"{name}, line {found}" if found else name
+        said = f"takes longer than {seconds:g} s" if isinstance(error, _OutOfTimeError) else _error_words(error)
+        raise PluginError(": ".join(filter(None, (where, what, said)))) from None
+
+
+def _error_words(error: BaseException) -> str:
+    """An error's kind and message in one line; of a `PluginError` the message."""
+    text = error.args[0] if isinstance(error, KeyError) and error.args else error  # else its message in quotes
+    said = " ".join(str(text).split())
+    kind = "" if isinstance(error, PluginError) else type(error).__name__
+    return ": ".join(filter(None, (kind, said)))
+
+
+def _line_in_file(trace: TracebackType | None, file: str) -> int:
+    """The last line of a file that a traceback goes through; 0 where it does not."""
+    found = 0
+    while trace is not None:
+        if trace.tb_frame.f_code.co_filename == file:
+            found = trace.tb_lineno
+        trace = trace.tb_next
+    return found
+
+
+@contextmanager
+def _time_limit(seconds: float) -> Iterator[None]:
+    """Context that raises `_OutOfTimeError` after so many seconds, in the main thread."""
+    if threading.current_thread() is not threading.main_thread() or not hasattr(signal, "setitimer"):
+        yield
+        return
+
+    def stop(_: int, __: FrameType | None) -> None:
+        """Ends the code that takes too long."""
+        raise _OutOfTimeError
+
+    before = signal.signal(signal.SIGALRM, stop)
+    signal.setitimer(signal.ITIMER_REAL, seconds)
+    try:
+        yield
+    finally:
+        signal.setitimer(signal.ITIMER_REAL, 0.0)
+        signal.signal(signal.SIGALRM, before)
+
+
+def checked_number(value: Any) -> float | None:
+    """A plug-in's value as a number; None stays.
+
+    Raises:
+        PluginError: no number, or none that is finite.
+    """
+    if value is None:
+        return None
+    shape = getattr(value, "shape", ())
+    if shape != ():
+        raise PluginError(f"gives an array of shape {shape}; must be one number, or None")
+    try:
+        number = float(value) if not isinstance(value, str | bytes | bool | Mapping) else None
+    except (TypeError, ValueError):
+        number = None
+    if number is None:
+        raise PluginError(f"gives {type(value).__name__}; must be one number, or None")
+    if not math.isfinite(number):
+        raise PluginError(f"gives {number}; must be finite, or None where there is no value")
+    return number
+
+
+PLUGINS_VARIABLE = "_WARPCHAIN_PLUGINS"
+"""Environment variable by which a process hands its plug-ins on."""
+
+
+def plugins_environment() -> dict[str, str]:
+    """Environment of a process that is to load the plug-ins that are loaded here, by `load_plugins_of_parent`."""
+    return {PLUGINS_VARIABLE: os.pathsep.join(map(str, _LOADED))}
+
+
+def load_plugins_of_parent() -> None:
+    """Loads the plug-ins of the process that started this one, in the same order."""
+    load_installed_plugins()
+    for file in filter(None, os.environ.get(PLUGINS_VARIABLE, "").split(os.pathsep)):
+        load_plugin(file)

@@ -1,0 +1,103 @@
+"""Contact laws of plug-ins: tried, and added to those that kernels know before the kernels are made."""
+
+from __future__ import annotations
+
+import hashlib
+import re
+import sys
+from collections.abc import Iterable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import warp as wp
+
+from warpchain.drive.laws import LAWS, LAWS_IN_USE, Law
+from warpchain.drive.plugins import LOADING_SECONDS, plugin_code
+from warpchain.errors import PluginError
+from warpchain.kernels.cpu.law_trial import law_trial_kernel
+from warpchain.kernels.physics import impact
+
+TRIED = np.array([[e, v, d] for e in (1e-3, 1.0, 1e3, 1e6) for v in (1e-6, 0.01, 1.0, 30.0) for d in (0.0, 0.1, 2.0)])
+"""Elastic forces [N], impact speeds [m/s] and dampings with which a law is tried."""
+KERNEL_FACTORIES = {
+    "cpu.advance": "advance_kernel",
+    "cpu.relax": "relax_kernel",
+    "gpu.block": "block_kernel",
+    "gpu.relax": "block_relax_kernel",
+}
+"""Functions that make, and remember, kernels with contact laws."""
+
+
+def form_of_law(law: Law) -> int:
+    """Number of a contact law among those of kernels (`structs.ContactLaw.form`); a plug-in's is added."""
+    if isinstance(law.force, str):
+        return next(form for form, force in enumerate(impact.FORCES) if force.key == law.force)
+    if law.force not in impact.FORCES:
+        _add_force(law.force)
+    return impact.FORCES.index(law.force)
+
+
+def add_laws(names: Iterable[str] | None = None) -> None:
+    """Adds plug-ins' laws to those of kernels, by default all that drives so far have.
+
+    Raises:
+        PluginError: one that Warp cannot compile, or that gives values that are not allowed.
+    """
+    for name in LAWS_IN_USE if names is None else names:
+        form_of_law(LAWS[name])
+
+
+def added_laws() -> tuple[str, ...]:
+    """Names of the plug-ins' laws that kernels know, in order."""
+    names = {id(law.force): name for name, law in LAWS.items()}
+    return tuple(names[id(force)] for force in impact.FORCES if id(force) in names)
+
+
+def _add_force(force: Any) -> None:
+    """Adds a law's function to those of kernels; kernels that were made before are forgotten."""
+    code = force.func.__code__
+    digest = hashlib.sha256(Path(code.co_filename).read_bytes()).hexdigest()
+    force.adj.source += f"\n# {digest}"  # kernels' digests have the laws' sources: functions that it calls count, too
+    for real in (wp.float64, wp.float32):
+        try:
+            with plugin_code(code.co_filename, "", LOADING_SECONDS):
+                _try_force(force, real)
+        except PluginError as error:
+            raise PluginError(_law_error(str(error), force)) from None
+    impact.FORCES = (*impact.FORCES, force)
+    impact.law_damper = wp.func(impact.law_damper.func)  # whose loop over the laws Warp unrolls where it is declared
+    forget_kernels()
+
+
+def forget_kernels() -> None:
+    """Forgets kernels with contact laws, so that they are made anew with the present laws."""
+    for module, name in KERNEL_FACTORIES.items():
+        made = sys.modules.get(f"warpchain.kernels.{module}")
+        if made is not None:
+            getattr(made, name).cache_clear()
+
+
+def _law_error(said: str, force: Any) -> str:
+    """Words on what is wrong with a law's function, with the line that Warp names."""
+    code = force.func.__code__
+    line, reason = code.co_firstlineno, said.removeprefix(": ")
+    for name, number in re.findall(rf'function "(\w+)" at {re.escape(code.co_filename)}:(\d+):', said):
+        inner = getattr(force.func.__globals__.get(name), "func", force.func)
+        line, first = int(number), inner.__code__.co_firstlineno
+        line += first if line < first else 0  # of functions of any type Warp counts from their first
+        reason = said.rpartition(";")[2]
+    return f"{code.co_filename}, line {line}: {reason}"
+
+
+def _try_force(force: Any, real: Any) -> None:
+    """Compiles a law's function for the CPU, and raises for values that are not allowed."""
+    given: wp.array = wp.array(TRIED, dtype=real, device="cpu")
+    found: wp.array = wp.zeros(TRIED.shape, dtype=real, device="cpu")
+    wp.launch(law_trial_kernel(force, real), len(TRIED), inputs=[given, found], device="cpu")
+    for (elastic, speed, damping), (damper, slowest, fastest) in zip(TRIED, found.numpy(), strict=True):
+        if not (0.0 <= damper < np.inf and slowest <= fastest):
+            raise PluginError(
+                f"with an elastic force of {elastic:g} N, an impact at {speed:g} m/s and a damping of {damping:g} it "
+                f"gives {damper:g}, {slowest:g}, {fastest:g}; must be a damper of at least 0 and bounds in order"
+            )
