@@ -28,6 +28,9 @@ from .window_sums import window_sum_functions
 
 SCRATCH_ROWS = len(ROWS)
 
+IS_KEPT, KEEP = wp.constant(1), wp.constant(2)
+"""Bits of a launch: the scratch still has the variant since the launch before; it is to have it for the next."""
+
 
 @wp.func
 def step_now(drive: Drive, step: int):
@@ -87,19 +90,21 @@ def advance_kernel(Real: type, capacity: int, frame: Any, several: bool) -> wp.K
         return inside == 0 or body_states.has_sound_bodies(state, drive) == 0
 
     @wp.func
-    def begin_launch(ensemble: Ensemble, state: State, drive: Drive, w: wp.array[Real]):
-        """Copies a chain from the state into the scratch's rows, at a launch's begin."""
-        rollers.fetch(state, ensemble.lengths, w, drive.first_roller, drive.rollers)
-        contact_rows.fetch_dampers(state, drive, w)
-        neighbor_list.reset(w, drive)
-        link_tallies.clear(w, drive.rollers)
+    def begin_launch(ensemble: Ensemble, state: State, drive: Drive, w: wp.array[Real], kept: int):
+        """Copies a chain from the state into the scratch's rows, at a launch's begin, unless they have it."""
+        if kept & IS_KEPT == 0:
+            rollers.fetch(state, ensemble.lengths, w, drive.first_roller, drive.rollers)
+            contact_rows.fetch_dampers(state, drive, w)
+            neighbor_list.reset(w, drive)
+            link_tallies.clear(w, drive.rollers)
 
     @wp.func
-    def end_launch(ensemble: Ensemble, state: State, sums: Sums, row: int, drive: Drive, w: wp.array[Real]):
-        """Copies a chain back into the state, and merges its sums, at a launch's end."""
-        chain_sums.merge_tallies(ensemble, state, sums, row, w)
-        rollers.put_back(state, w, drive.first_roller, drive.rollers)
-        contact_rows.put_back_dampers(state, drive, w)
+    def end_launch(ensemble: Ensemble, state: State, sums: Sums, row: int, drive: Drive, w: wp.array[Real], kept: int):
+        """Copies a chain back into the state, and merges its sums, at a launch's end, unless the rows keep it."""
+        if kept & KEEP == 0:
+            chain_sums.merge_tallies(ensemble, state, sums, row, w)
+            rollers.put_back(state, w, drive.first_roller, drive.rollers)
+            contact_rows.put_back_dampers(state, drive, w)
 
     @wp.func
     def advance_variant(
@@ -109,9 +114,10 @@ def advance_kernel(Real: type, capacity: int, frame: Any, several: bool) -> wp.K
         variant: int,
         frames: wp.array[Real],
         scratch: wp.array2d[Real],
+        kept: int,
         count: int,
     ):
-        """Takes the chains of a variant, from row `variant` on, up to `count` steps on."""
+        """Takes the chains of a variant, from row `variant` on, up to `count` steps on; `kept` are bits."""
         chains, w = wp.static(1), scratch[0]
         if wp.static(several):
             drive, chain = drive_at(ensemble, variant), chain_at(ensemble, variant)
@@ -122,7 +128,7 @@ def advance_kernel(Real: type, capacity: int, frame: Any, several: bool) -> wp.K
         memory = near_rollers.memory_at_chain(near_rollers.contact_memory(state, drive), drive, chain)
         progress = state.progress[variant]
         for c in range(chains):
-            begin_launch(ensemble, state, ensemble.drives[variant + c], scratch[c])
+            begin_launch(ensemble, state, ensemble.drives[variant + c], scratch[c], kept)
         end = wp.min(progress.step + count, last + 1)
         number = int(0)  # of frames written
         step = progress.step
@@ -177,7 +183,7 @@ def advance_kernel(Real: type, capacity: int, frame: Any, several: bool) -> wp.K
             step = step + 1 - progress.diverged
         progress.step = step
         for c in range(chains):
-            end_launch(ensemble, state, sums, variant + c, ensemble.drives[variant + c], scratch[c])
+            end_launch(ensemble, state, sums, variant + c, ensemble.drives[variant + c], scratch[c], kept)
             state.progress[variant + c] = progress
 
     @wp.kernel(enable_backward=False, module=own_module(__file__, "advance", Real, capacity, frame, several))
@@ -188,11 +194,12 @@ def advance_kernel(Real: type, capacity: int, frame: Any, several: bool) -> wp.K
         frames: wp.array[Real],
         scratch: wp.array2d[Real],
         first: int,
+        kept: int,
         steps: int,
     ):
         """Takes the variants of threads, from row `first` on, up to `steps` steps on, with sums and frames."""
         variant = first + wp.tid()
         if ensemble.drives[variant].chains > 0:
-            advance_variant(ensemble, state, sums, variant, frames, scratch, steps)
+            advance_variant(ensemble, state, sums, variant, frames, scratch, kept, steps)
 
     return advance

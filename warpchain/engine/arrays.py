@@ -376,6 +376,14 @@ class Engine(ABC):
     def set_constants(self, name: str, values: NDArray[Any]) -> None:
         """Sets an array of the ensemble's constant data, between launches, from values in the CPU's types."""
 
+    def constants_view(self, name: str) -> NDArray[Any] | None:
+        """An array of the ensemble's constant data where kernels read it, in the CPU's types; None of a GPU's."""
+        return None
+
+    def diverged_view(self) -> NDArray[Any] | None:
+        """Whether each row has diverged (rows,), where kernels write it; None of a GPU's."""
+        return None
+
     @abstractmethod
     def close(self) -> None:
         """Waits for what runs, and frees threads and memory."""

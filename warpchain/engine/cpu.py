@@ -13,13 +13,13 @@ from numpy.typing import NDArray
 from warpchain.engine.arrays import ARRAYS, Engine, empty_sums, upload_ensemble, upload_state
 from warpchain.engine.packed_ensemble import PackedEnsemble, real_type
 from warpchain.kernels import relaxation
-from warpchain.kernels.cpu.advance import SCRATCH_ROWS, advance_kernel
+from warpchain.kernels.cpu.advance import IS_KEPT, KEEP, SCRATCH_ROWS, advance_kernel
 from warpchain.kernels.cpu.relax import relax_kernel
 
 CAPACITIES = (264, 1048, 4120, 16408, 65560)
 """Row lengths of the CPU's scratch, each with a kernel."""
-STEPS_PARAMETER = 6
-"""Place of the number of steps among the parameters of the kernel "advance"."""
+KEPT_PARAMETER, STEPS_PARAMETER = 6, 7
+"""Places of the bits on the scratch, and of the number of steps, among the parameters of the kernel "advance"."""
 
 SPARE_VALUES = 32
 """Spare values of a CPU scratch row, for whole lanes."""
@@ -54,6 +54,7 @@ class CpuEngine(Engine):
         self._settling: wp.array = wp.empty(0, dtype=relaxation.Settling, device="cpu")
         self._progress = self.state.progress.numpy()
         self._recorded: tuple[Any, wp.array, int] | None = None
+        self._keeps, self._is_kept = int((packed.drives["chains"] > 0).sum()) == 1, False
 
     def _kernel(self, name: str) -> Any:
         """Compiled CPU kernel, loaded."""
@@ -83,7 +84,7 @@ class CpuEngine(Engine):
         return [self._pool.submit(work, first) for first in range(begin, end, group)]
 
     def advance(self, steps: int, frames: wp.array) -> list[Future[None]]:
-        return self._launch("advance", [self.ensemble, self.state, self.cpu_sums, frames], [steps])
+        return self._launch("advance", [self.ensemble, self.state, self.cpu_sums, frames], [0, steps])
 
     def take_steps(self, steps: int | NDArray[np.integer], frames: wp.array) -> None:
         if isinstance(steps, int):
@@ -99,24 +100,43 @@ class CpuEngine(Engine):
     def _step_rows(self, first: int, end: int, steps: int, frames: wp.array) -> None:
         """Takes rows from `first` to `end` so many steps on, over the pool."""
         before = [self.ensemble, self.state, self.cpu_sums, frames]
-        for future in self._launch("advance", before, [steps], first, end):
+        for future in self._launch("advance", before, [0, steps], first, end):
             future.result()
 
     def _step_here(self, steps: int, frames: wp.array) -> None:
-        """Takes all rows so many steps on in this thread, by a launch recorded before."""
+        """Takes all rows so many steps on in this thread, by a launch recorded before.
+
+        One variant alone stays in the scratch, until something else is to read its state.
+        """
         if self._recorded is None or self._recorded[1] is not frames:
+            self._put_back()
             self._recorded = self.recorded_launch(frames, steps)[0], frames, steps
         command, _, before = self._recorded
         if steps != before:
             command.set_param_at_index(STEPS_PARAMETER, steps)
             self._recorded = command, frames, steps
-        command.launch()
+        if self._keeps and not self._is_kept:
+            command.set_param_at_index(KEPT_PARAMETER, int(KEEP))
+            command.launch()
+            command.set_param_at_index(KEPT_PARAMETER, int(KEEP) | int(IS_KEPT))
+            self._is_kept = True
+        else:
+            command.launch()
+
+    def _put_back(self) -> None:
+        """Has the variant that stays in the scratch in the state, too, as at a launch's end."""
+        if self._is_kept and self._recorded is not None:
+            command, frames, _ = self._recorded
+            command.set_param_at_index(KEPT_PARAMETER, int(IS_KEPT))
+            command.set_param_at_index(STEPS_PARAMETER, 0)
+            command.launch()
+            self._recorded, self._is_kept = (command, frames, 0), False
 
     def recorded_launch(self, frames: wp.array, steps: int) -> tuple[Any, wp.array]:
         """Launch of the kernel "advance" over all rows, not made yet, and its scratch."""
         scratch = self._scratch.get()
         self._scratch.put(scratch)
-        inputs = [self.ensemble, self.state, self.cpu_sums, frames, scratch, 0, steps]
+        inputs = [self.ensemble, self.state, self.cpu_sums, frames, scratch, 0, 0, steps]
         kernel = self._kernel("advance")
         return wp.launch(kernel, self.variants, inputs=inputs, device="cpu", block_dim=1, record_cmd=True), scratch
 
@@ -130,6 +150,7 @@ class CpuEngine(Engine):
         return np.array(self._settling.numpy(), copy=True)
 
     def changing_structs(self) -> dict[str, Any]:
+        self._put_back()
         return {"state": self.state, "sums": self.cpu_sums}
 
     def fetch_array(self, group: str, name: str) -> NDArray[Any]:
@@ -149,6 +170,14 @@ class CpuEngine(Engine):
         if held.dtype == values.dtype and held.dtype.names:  # as bytes: field by field it takes ten times as long
             held, values = (of.view(f"V{of.dtype.itemsize}") for of in (held, values))
         held[: len(values)] = values
+
+    def constants_view(self, name: str) -> NDArray[Any]:
+        view: NDArray[Any] = getattr(self.ensemble, name).numpy()
+        return view
+
+    def diverged_view(self) -> NDArray[Any]:
+        view: NDArray[Any] = self._progress["diverged"]
+        return view
 
     def frame_buffer(self, values: int) -> wp.array:
         return wp.empty(max(values, 1), dtype=self.packed.real, device="cpu")

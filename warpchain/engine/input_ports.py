@@ -105,6 +105,20 @@ class InputPort:
         """Whether the input has been set."""
         return math.isfinite(self.after[0, 0])
 
+    @property
+    def is_plainly_held(self) -> bool:
+        """Whether another value to hold is one number of its table alone."""
+        return self.is_held and self.kind.name != "speed"
+
+    def hold(self, value: float, tables: NDArray[Any]) -> None:
+        """Holds one value for all variants, once the input `is_plainly_held`; `tables` are those that kernels read."""
+        self.before.fill(value)
+        self.after.fill(value)
+        if self.places.size == 1:
+            tables[self.places.item()] = value
+        else:
+            tables[self.places] = value
+
     def value_at(self, packed: PackedEnsemble, time: Values) -> Values:
         """Value (V, axes) at `time` (V,), the drive's own until it is set.
 

@@ -219,6 +219,7 @@ class SteppedRun:
         self._inputs = make_ports(names[0], rows, part.packed)
         self._outputs = make_outputs(names[1], rows, part.packed)
         self._stored = np.zeros(len(rows.models))
+        self._is_shared = False
         self._every: Sequence[int] = [1] * len(self._clock.steps)
         self._first_rows = rows.first_rows[:-1]
         self._row_groups = self._clock.group[rows.variant_of_row]
@@ -245,7 +246,15 @@ class SteppedRun:
         self._host_frames = (
             self._frames.numpy if settings.device != "cpu" else partial(np.asarray, self._frames.numpy())
         )
+        self._take_views(self._engine)
         return self
+
+    def _take_views(self, engine: Engine) -> None:
+        """Has inputs and outputs of a CPU read and written where its kernels do."""
+        tables, diverged = engine.constants_view("tables"), engine.diverged_view()
+        if tables is not None and tables.dtype == engine.packed.tables.dtype:
+            engine.packed.tables, self._is_shared = tables, True
+        self._diverged = (lambda: diverged) if diverged is not None else (lambda: engine.progress()["diverged"])
 
     def __exit__(self, *_: object) -> None:
         engine, self._engine, self._state = self._engine, None, CLOSED
@@ -293,7 +302,10 @@ class SteppedRun:
         Raises:
             SimulationError: an unknown input, a shape or value that is not allowed, or a time that is too short.
         """
-        engine, time, end = self._running, self._clock.next, None
+        engine = self._running
+        if over is None and self._is_shared and self._hold(values):
+            return
+        time, end = self._clock.next, None
         if not isinstance(values, Mapping):
             raise SimulationError('set: must be a mapping from inputs to values, such as {"driven.load_torque": 50.0}')
         if over is not None:
@@ -305,8 +317,22 @@ class SteppedRun:
             if not port.kind.tables:
                 self._note_stored_energy(port, value)
             changed |= port.set_values(engine.packed, value, time, end)
-        for array in sorted(changed):
+        for array in sorted(changed - {"tables"} if self._is_shared else changed):
             engine.set_constants(array, getattr(engine.packed, array))
+
+    def _hold(self, values: Any) -> bool:
+        """Holds inputs at other numbers, if all of them are held already; returns whether they are."""
+        if type(values) is not dict:
+            return False
+        for name, value in values.items():
+            port = self._inputs.get(name)
+            if port is None or type(value) is not float or not port.is_plainly_held:
+                return False
+            if not (port.kind.least <= value < math.inf and value > -math.inf):
+                return False
+        for name, value in values.items():
+            self._inputs[name].hold(value, self._running.packed.tables)
+        return True
 
     def _checked_values(self, name: str, value: Any, over: float | None) -> tuple[InputPort, NDArray[np.float64]]:
         """An input, and its values (V, axes) as kernels take them."""
@@ -393,11 +419,11 @@ class SteppedRun:
             raise SimulationError(f"get: {name!r} is none of the outputs; they are {known}")
         if self._clock.taken[0] < 0:
             self._begin(engine)
-        values, diverged = self._host_frames(), engine.progress()["diverged"]
-        found = {}
+        values, diverged = self._host_frames(), self._diverged()
+        found, stands = {}, np.count_nonzero(diverged)
         for port in (self._outputs[name],) if name is not None else self._outputs.values():
             of = values[port.places]
-            if diverged.any():
+            if stands:
                 of[diverged[self._first_rows] != 0] = np.nan
             found[port.name] = self._of_variants(of)
         return found if name is None else found[name]
