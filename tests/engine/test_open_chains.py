@@ -4,10 +4,15 @@ import tomllib
 
 import numpy as np
 import pytest
+from drives import two_sprockets
 from open_chains import CONTACT, hoist
+from raw import run as raw_run
+from raw import state
 
 from warpchain import Drive, Record, assemble, dumps_drive, loads_drive, modes, simulate
+from warpchain.engine.pack import pack
 from warpchain.errors import DriveError, WarpchainError
+from warpchain.results.schedule import Schedule
 from warpchain.results.tooth_jump import tooth_jump_margin
 
 GRAVITY = 9.81
@@ -231,3 +236,15 @@ def test_a_weight_on_the_first_pin_hangs_as_one_on_the_last():
     ends = [{"center": [0.0, 0.0]}, {"center": [0.0, -0.76], "mass": 50.0, "mount": {"kind": "free"}}]
     one, other = (assemble(rope(30, of)).position for of in (ends, ends[::-1]))
     np.testing.assert_allclose(other, one[::-1], atol=1e-12)
+
+
+@pytest.mark.parametrize("joint", [None, {"friction": 0.1, "pin_radius": 0.008}])
+def test_a_loop_cut_open_and_tied_together_again_has_the_loop_s_bits(joint):
+    """The way of open chains through the kernel, with no link absent, against that of a loop."""
+    drive = two_sprockets(gravity=-GRAVITY, torque=50.0).with_values({"chain.joint": joint} if joint else {})
+    loop, tied = (pack([drive], [Schedule(5e-6, 2000, 0, 2000, 0)]) for _ in range(2))
+    tied.chains["absent"] = drive.chain.links + 1  # a link that there is not
+    found = [state(raw_run(of)[0]) for of in (loop, tied)]
+    np.testing.assert_array_equal(found[1], found[0])
+    loop.chains["absent"] = drive.chain.links  # cut, it falls apart
+    assert np.abs(state(raw_run(loop)[0]) - found[0]).max() > 1e-3
