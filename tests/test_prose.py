@@ -40,6 +40,19 @@ def test_faults_are_found_where_they_are(tmp_path, text, faults):
     assert list(found(page)) == faults
 
 
+def test_a_page_too_long_is_found(tmp_path):
+    """By its words, of which code has none; a list of all keys may be longer."""
+    whole = f"{WORDS}.\n\n" * 250
+    for name, text, faults in (
+        ("page.md", whole, []),
+        ("page.md", f"{whole}One more.", [(1, "house.pages")]),
+        ("page.md", f"{whole}\n\n    one more\n", []),
+        ("drive-file.md", whole * 2, []),
+    ):
+        (tmp_path / name).write_text(text)
+        assert list(found(tmp_path / name)) == faults
+
+
 def test_pages_lead_to_the_glossary():
     """Those on which its words stand; it says each in a line."""
     docs = Path(__file__).resolve().parent.parent / "docs"

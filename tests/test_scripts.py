@@ -61,7 +61,7 @@ def test_documents_name_commands():
     assert {
         ("teeth.md", "scripts/figures.py"),
         ("wear.md", "scripts/figures.py"),
-        ("model.md", "scripts/figures.py"),
+        ("solving.md", "scripts/figures.py"),
         ("performance.md", "scripts/bench.py"),
     } <= named
     assert {script for _, script in named} == {f"scripts/{path.name}" for path in SCRIPTS}

@@ -53,7 +53,7 @@ def bent_length(trajectory: Any, frames: Any) -> tuple[float, float]:
 
 @case(case_option("--marine", action="store_true", help="the second table instead"))
 def check(asked: argparse.Namespace) -> Iterator[Line]:
-    """The tables of docs/model.md: mean strand tensions that `warpchain check` prints, and those of runs.
+    """The tables of docs/solving.md: mean strand tensions that `warpchain check` prints, and those of runs.
 
     python scripts/figures.py check
     python scripts/figures.py check --marine

@@ -14,6 +14,9 @@ if TYPE_CHECKING:
     from proselint.registry.checks import Check, CheckResult
 
 MOST_WORDS = 30
+MOST_PAGE_WORDS = 2500
+REFERENCES = {"drive-file", "scripts"}
+"""Pages that list every key, however many there are."""
 WORDS = {
     "anew": "again",
     "foresee": "predict",
@@ -140,14 +143,18 @@ def page_faults(path: Path) -> Iterator[str]:
 
     register_rules()
     enabled = dict.fromkeys(("house", *OF_PROSELINT), True)
+    count, name = 0, ""
     for name, text in page_texts(path):
         for line, heading, words in page_blocks(text):
+            count += len(words.split())
             if not words.strip():
                 continue
             config = Config(max_errors=100, checks=enabled | {"headings": heading})
             for result, _ in LintFile(name, words).lint(config):
                 row = words.count("\n", 0, max(result.span[0] - 1, 0))  # the linter puts a line before the text
                 yield f"{name}:{line + row}: {result.check_path}: {result.message}"
+    if count > MOST_PAGE_WORDS and path.stem not in REFERENCES:
+        yield f"{name}:1: house.pages: a page of {count} words, at most {MOST_PAGE_WORDS}: make two of it"
 
 
 @case(case_option("pages", nargs="*", type=Path, help="default: all"))
@@ -157,8 +164,8 @@ def lint(asked: argparse.Namespace) -> Iterator[Line]:
     python scripts/docs.py lint [PAGE ...]
 
     Proselint's checks, and those of the house: no sentence over 30 words, no parentheses within parentheses, no heading
-    that begins with "What" or "How", no word of `WORDS` in pages/lint.py. A line of output is a fault; status 1 if
-    there is any. Needs the extra `dev`.
+    that begins with "What" or "How", no word of `WORDS` in pages/lint.py, no page over 2,500 words but lists of keys.
+    A line of output is a fault; status 1 if there is any. Needs the extra `dev`.
     """
     found = [fault for path in asked.pages or document_pages() for fault in page_faults(path.resolve())]
     yield from found

@@ -133,7 +133,7 @@ def test_a_quiet_run_shows_these_tensions(changes):
     ("marine", 1e-5, 0.6, 1.2), ("motorcycle", 2e-6, 0.07, 0.12)])  # fmt: skip
 def test_examples_run_at_what_check_prints(name, step, start, end):
     """Each strand within 15 % of the tightest one's mean; friction and vibration add 1 to 3 %, 14 to the marine drive
-    (docs/model.md)."""
+    (docs/solving.md)."""
     drive = example(name).with_values({"run.step": step})
     (row,) = simulate(drive, record=Record("none"), duration=end, window=(start, end)).metrics.to_pylist()
     found = np.array([row[f"{strand}.tension_mean"] for strand in drive.strand_names])

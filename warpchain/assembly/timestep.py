@@ -20,7 +20,7 @@ from warpchain.model.stacks import pick_variants
 from warpchain.model.trains import coupled_bodies, is_free_body, train_inertia, train_of_body
 
 AUTOMATIC = 0.6
-"""Automatic time step over its limit of stability (docs/model.md)."""
+"""Automatic time step over its limit of stability (docs/solving.md)."""
 
 STAGED = 0.3
 """Automatic step over its limit for schemes with stages, which hold bristles and dampers at step starts."""
