@@ -91,6 +91,24 @@ def test_every_page_is_in_the_menu(site):
         assert f'href="./{path.stem}.html"' in index, path.name  # the README's own links are without ./
 
 
+def test_every_page_is_there_as_plain_text_and_listed(site):
+    """Each with a sentence on it that ends; what the builder makes of docstrings is HTML alone."""
+    text = (site / "llms.txt").read_text()
+    assert text.startswith("# warpchain\n\n> warpchain computes ")
+    listed = re.findall(r"^- \[[^\]]+\]\(([^)]+)\): (.+)$", text, re.MULTILINE)
+    names = {name for name, _ in listed}
+    assert {f"{path.stem}.md" for path in (ROOT / "docs").glob("*.md")} < names
+    assert {"contributing.md", "tutorials/first-drive.md", "reference/commands.md"} < names
+    for name, said in listed:
+        page = (site / name).read_text()
+        assert page.count("\n") > 5 and ":::" not in page and said.endswith("."), name
+        assert not [
+            to
+            for to in re.findall(r"\]\((?!https?:|#)([^)#]+)", page)
+            if not (site / name).parent.joinpath(to).exists()
+        ]
+
+
 @pytest.mark.parametrize(("folder", "kind"), [("drives", "drive"), ("studies", "study")])
 def test_examples_are_beside_their_schema(site, folder, kind):
     examples = ROOT / "warpchain" / kind / "examples"

@@ -18,6 +18,7 @@ import tomlkit
 from common.cases import ROOT, SCRIPTS, Line, case, case_option
 
 from pages import reference
+from pages.plain_pages import lay_plain_pages
 
 GROUPS = {
     "Your drive": ("drive-file", "check", "fit", "catalogue", "selection", "examples", "glossary"),
@@ -61,6 +62,7 @@ GROUPS = {
         "formats",
     ),
     "Model and limits": (
+        "other-programs",
         "friction",
         "validation",
         "validation-published",
@@ -198,6 +200,7 @@ def build_site(site: Path) -> subprocess.CompletedProcess:
         done = subprocess.run(command, cwd=work, capture_output=True, text=True, env=environment)
         if done.returncode == 0:
             shutil.copytree(Path(work) / "site", site, dirs_exist_ok=True)
+            lay_plain_pages(folder, site_menu(folder), site)
         colorless = (re.sub(r"\x1b\[[\d;]*m", "", text) for text in (done.stdout, done.stderr))
         return subprocess.CompletedProcess(command, done.returncode, *colorless)
 
@@ -210,7 +213,7 @@ def site(asked: argparse.Namespace) -> Iterator[Line]:
 
     Any warning ends it: a link or a picture that leads nowhere, a name that is not there, a list that a paragraph takes
     in. The pages are those of docs/, README and CONTRIBUTING, notebooks as they were stored, and those of
-    `pages/reference.py`.
+    `pages/reference.py`. Beside the HTML are the pages as Markdown, which llms.txt lists.
     """
     done = build_site(asked.folder)
     yield done.stdout + done.stderr + str(asked.folder / "index.html")
