@@ -9,8 +9,38 @@ import pytest
 from command import refused
 from PIL import Image
 
-from warpchain.cli.mcp_server import TOOLS
+from warpchain.cli.mcp_server import OUTPUTS, TOOLS
 
+HARMLESS = {
+    *("drive", "size", "teeth", "centers", "speed", "torque", "keep_centers", "set", "json", "device", "precision"),
+    *(
+        "duration",
+        "step",
+        "window",
+        "rate",
+        "channels",
+        "memory",
+        "workers",
+        "compression",
+        "values",
+        "exact_positions",
+    ),
+    *(
+        "split_size",
+        "limit",
+        "strict",
+        "archive",
+        "variant",
+        "title",
+        "wear_coefficient",
+        "bearing_area",
+        "study",
+        "grow",
+    ),
+    *("factor", "metric", "minimize", "maximize", "recorded", "fatigue", "text"),
+    "overwrite",  # of what is inside the folder
+}
+"""Arguments that only read, compute, or change what a permitted output has."""
 NEW = {"output": "drive.toml", "size": "08B", "teeth": [17, 38], "centers": [0, 0, 0.4, 0], "speed": "300rpm"}
 SHORT = {"drive": "drive.toml", "set": ["run.settle=false"], "duration": 0.02}
 
@@ -127,6 +157,15 @@ def test_errors_are_those_of_the_command_line(converse, capsys):
     _, found = converse(*calls.values())
     for words, result in zip(calls, found, strict=True):
         assert error(result) == refused(capsys, *words)
+
+
+def test_every_argument_was_looked_at(converse):
+    """A new option of a command is no tool's before it is here: it might write elsewhere, run code, or wait."""
+    listed, _ = converse()
+    for tool in listed:
+        assert set(tool.input_schema["properties"]) <= HARMLESS | OUTPUTS, tool.name
+    _, (result,) = converse(("run", SHORT | {"plugin": "own.py"}))
+    assert "plugin: no argument of this tool" in error(result)
 
 
 def test_unknown_tools_and_arguments(converse):

@@ -34,7 +34,7 @@ TOOLS = {
 }
 """Words of the command behind each tool."""
 OUTPUTS = {"output", "table"}  # arguments that name what to write
-HIDDEN = {"help", "quiet", "watch", "shard", "scheduler"}  # those that wait, reach other machines, or are always given
+HIDDEN = {"help", "quiet", "watch", "shard", "scheduler", "plugin"}  # set here, or wait, reach others, run code
 INSTRUCTIONS = (
     "warpchain simulates roller-chain drives; all numbers are in SI units. A DRIVE is a file or an example's name. "
     "Make one with new, look at it with check and draw, then run it; a run's report is a page for people. Any value of "
@@ -95,8 +95,8 @@ def serve_assistant(commands: Parsers, write: Path | None) -> int:
 
     async def serve() -> None:
         """Serves until standard input ends."""
-        about = {"version": installed_version(), "instructions": INSTRUCTIONS}
-        server = Server("warpchain", **about, on_list_tools=list_tools, on_call_tool=call_tool)
+        given: Any = {"instructions": INSTRUCTIONS, "on_list_tools": list_tools, "on_call_tool": call_tool}
+        server: Server[Any] = Server("warpchain", version=installed_version(), **given)
         async with stdio_server() as (received, sent):
             await server.run(received, sent, server.create_initialization_options())
 
