@@ -74,6 +74,31 @@ def test_what_is_read_in_between_leaves_the_bits(name):
     )
 
 
+@pytest.mark.gpu
+@pytest.mark.parametrize("precision", ["float64", "float32"])
+def test_launches_that_are_repeated_have_the_bits_of_others(precision, monkeypatch):
+    """On a GPU: pieces of equal length are recorded launches, but for those that begin or end the window."""
+    from warpchain.engine.gpu import GpuEngine
+
+    options = WHOLE | {"device": "cuda:0", "precision": precision, "window": (0.5 * DURATION, DURATION)}
+    found, taken = [], []
+    repeated = GpuEngine._record_launches
+    monkeypatch.setattr(GpuEngine, "_record_launches", lambda *of: taken.append(of) or repeated(*of))
+    for records in (True, False):
+        if not records:
+            monkeypatch.setattr(GpuEngine, "_repeated_kernel", lambda engine, steps: None)
+        with stepping(torques(5), inputs=["driven.load_torque"], outputs=["tension"], **options) as sim:
+            frames = []
+            for piece in range(STEPS // 30):
+                sim.set({"driven.load_torque": 100.0 + 10.0 * piece})
+                sim.advance(30 * H)
+                frames.append(sim.get("tension"))
+            found.append((np.array(frames), sim.metrics().to_pylist()))
+    np.testing.assert_array_equal(*(frames for frames, _ in found))
+    assert found[0][1] == found[1][1]
+    assert len(taken) == 3  # the first step, pieces before the window, and those in it
+
+
 def free_parts(drive):
     """Names of sprockets with a load."""
     return [sprocket.name for sprocket in drive.sprockets if sprocket.load is not None]

@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import AbstractContextManager, contextmanager
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from itertools import pairwise
 from threading import Lock
 from typing import Any
@@ -63,6 +63,9 @@ KERNEL_LOCK = Lock()
 
 LAUNCH_STEPS = 131_072
 """Most steps of one GPU launch."""
+
+MOST_REPEATED = 16
+"""Most lengths of pieces whose launches are kept."""
 
 MOST_LINKS = 16 * ROLLER_CAPACITIES[-1]
 """Links of the longest chain that a GPU takes."""
@@ -148,6 +151,7 @@ class FrameBuffer:
     """Frame buffer of a GPU launch, on device and host."""
 
     def __init__(self, values: int, packed: PackedEnsemble, device: str) -> None:
+        self.late: wp.Stream | None = None  # on which frames are to be copied once they are asked for
         self.values, self._of = values, (device, packed.variants)
         self.device: wp.array = wp.empty(max(values, 1), dtype=packed.real, device=device)
         self.host: wp.array = wp.empty(max(values, 1), dtype=packed.real, device="cpu", pinned=True)
@@ -155,10 +159,39 @@ class FrameBuffer:
 
     def numpy(self) -> NDArray[np.floating]:
         """Frames of a GPU launch, once copied."""
-        if self.copied is not None:
+        if self.late is not None:
+            with explain_gpu_failures(*self._of):
+                wp.copy(self.host, self.device, count=self.values, stream=self.late)
+                wp.synchronize_stream(self.late)
+            self.late = None
+        elif self.copied is not None:
             with explain_gpu_failures(*self._of):
                 wp.synchronize_event(self.copied)
         return self.host.numpy()
+
+
+@dataclass(frozen=True)
+class RepeatedLaunch:
+    """Recorded GPU launch that takes variants so many steps from wherever they all are.
+
+    Attributes:
+        command: of Warp.
+        order: numbers of the variants on the device, which the command alone does not keep there.
+        stream: where it goes.
+        columns: end and start steps, on the device and pinned on the host, and what they are beyond the present step.
+    """
+
+    command: Any
+    order: wp.array
+    stream: wp.Stream
+    columns: tuple[tuple[wp.array, wp.array, NDArray[np.integer]], ...]
+
+    def repeat(self, step: int) -> None:
+        """Launches it from `step` on, once the launch before has ended."""
+        for device, host, beyond in self.columns:
+            np.add(beyond, step, out=host.numpy(), casting="unsafe")
+            wp.copy(device, host, stream=self.stream)
+        self.command.launch(stream=self.stream)
 
 
 class GpuEngine(GpuKernels, Engine):
@@ -183,6 +216,10 @@ class GpuEngine(GpuKernels, Engine):
                 self.tallies = empty_tallies(packed, device)
             wp.synchronize_stream(self.stream)
         self._progress = np.zeros(packed.variants, dtype=self.state.progress.dtype.numpy_dtype())
+        self._host_progress: Any = wp.empty(
+            packed.variants, dtype=self.state.progress.dtype, device="cpu", pinned=wp.get_device(device).is_cuda
+        )
+        self._repeated: dict[tuple[str, int, int], list[RepeatedLaunch]] = {}  # by kernel, steps and buffer of frames
         self._settling: Any = None
         # rows in global memory, which launches share
         self._in_global_memory = [any(global_memory_values([bucket])) for bucket in self.buckets]
@@ -203,11 +240,20 @@ class GpuEngine(GpuKernels, Engine):
                 loading.result()
         self._loaded.add(names)
 
-    def _launch(self, name: str, bucket: Bucket, order: wp.array, inputs: Sequence[Any], stream: wp.Stream) -> None:
-        """Launches a bucket's GPU kernel."""
+    def _launch(
+        self,
+        name: str,
+        bucket: Bucket,
+        order: wp.array,
+        inputs: Sequence[Any],
+        stream: wp.Stream,
+        record: bool = False,
+    ) -> Any:
+        """Launches a bucket's GPU kernel, or records the launch."""
         made = self._bucket_kernel(name, bucket)
         dim, block = made.kind.launch_threads(len(order)), made.kind.block_threads
-        wp.launch(made.kernel, dim=dim, inputs=[*inputs], block_dim=block, device=self.device, stream=stream)
+        options = {"block_dim": block, "device": self.device, "stream": stream, "record_cmd": record}
+        return wp.launch(made.kernel, dim=dim, inputs=[*inputs], **options)
 
     def _launch_sequences(self, share: NDArray[np.integer]) -> list[tuple[bool, Bucket, list[Launch]]]:
         """Launches that take variants `share` (V,) steps, by bucket."""
@@ -245,6 +291,7 @@ class GpuEngine(GpuKernels, Engine):
                 for stream in self._others:
                     self.stream.wait_event(stream.record_event())
                 done = self.stream.record_event()
+                frames.late = None
                 if frames.values:
                     self.copies.wait_event(done)
                     wp.copy(frames.host, frames.device, count=frames.values, stream=self.copies)
@@ -253,6 +300,56 @@ class GpuEngine(GpuKernels, Engine):
                 self._progress = self.fetch_array("state", "progress")
 
         return [self._pool.submit(work)]
+
+    def take_steps(self, steps: int | NDArray[np.integer], frames: FrameBuffer) -> None:
+        kernel = self._repeated_kernel(steps) if isinstance(steps, int) else None
+        if kernel is None or not isinstance(steps, int):
+            super().take_steps(steps, frames)
+            return
+        key = kernel, steps, id(frames)
+        with self._explain_failures():
+            if key not in self._repeated:
+                if len(self._repeated) == MOST_REPEATED:
+                    self._repeated.clear()
+                self._load_kernels()
+                self._repeated[key] = self._record_launches(steps, frames)
+            launches, step = self._repeated[key], int(self._progress["step"][0])
+            for launch in launches:
+                launch.repeat(step)
+            for stream in {of.stream for of in launches} - {self.stream}:
+                self.stream.wait_event(stream.record_event())
+            if frames.values:
+                frames.late = self.stream
+            wp.copy(self._host_progress, self.state.progress, stream=self.stream)
+            wp.synchronize_stream(self.stream)
+        self._progress = self._host_progress.numpy().copy()
+
+    def _repeated_kernel(self, steps: int) -> str | None:
+        """Kernel that takes all variants so many steps on, where one does and all are at one step; or None."""
+        step, drives = self._progress["step"], self.packed.drives
+        first = int(step[0])
+        if self._progress["diverged"].any() or (step != first).any() or first + steps > int(drives["steps"].min()):
+            return None
+        begins = drives["window_start"] // STEP_UNIT * STEP_UNIT
+        if first + steps <= int(begins.min()) or first > int(drives["window_end"].max()):
+            return "advance"
+        return "measure" if int(begins.max()) <= first <= int(drives["window_end"].min()) else None
+
+    def _record_launches(self, steps: int, frames: FrameBuffer) -> list[RepeatedLaunch]:
+        """Launches that take all variants so many steps on, recorded."""
+        step = self._progress["step"]
+        state = self.ensemble, self.state, self.gpu_sums, self.tallies, frames.device
+        found = []
+        for at, (beside, bucket, launches) in enumerate(self._launch_sequences(np.full(len(step), steps))):
+            stream = [self.stream, *self._others][at % STREAMS if beside else 0]
+            for launch in launches:
+                ((order, *ends),) = self._upload_launches([launch])
+                hosts = [wp.empty(len(of), dtype=wp.int32, device="cpu", pinned=True) for of in launch[2:]]
+                beyond = [np.asarray(of, dtype=np.int64) - int(step[0]) for of in launch[2:]]
+                command = self._launch(launch.kernel, bucket, order, [*state, order, *ends], stream, record=True)
+                found.append(RepeatedLaunch(command, order, stream, tuple(zip(ends, hosts, beyond, strict=True))))
+        wp.synchronize_stream(self.stream)
+        return found
 
     def _upload_launches(self, launches: Sequence[Launch]) -> Iterator[list[wp.array]]:
         """Device arrays of each launch's variants and steps."""

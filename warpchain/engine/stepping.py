@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import copy
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from numbers import Real
@@ -219,7 +219,7 @@ class SteppedRun:
         self._inputs = make_ports(names[0], rows, part.packed)
         self._outputs = make_outputs(names[1], rows, part.packed)
         self._stored = np.zeros(len(rows.models))
-        self._is_shared = False
+        self._shared: set[str] = set()
         self._every: Sequence[int] = [1] * len(self._clock.steps)
         self._first_rows = rows.first_rows[:-1]
         self._row_groups = self._clock.group[rows.variant_of_row]
@@ -251,9 +251,12 @@ class SteppedRun:
 
     def _take_views(self, engine: Engine) -> None:
         """Has inputs and outputs of a CPU read and written where its kernels do."""
-        tables, diverged = engine.constants_view("tables"), engine.diverged_view()
-        if tables is not None and tables.dtype == engine.packed.tables.dtype:
-            engine.packed.tables, self._is_shared = tables, True
+        for name in ("tables", "drives"):
+            view = engine.constants_view(name)
+            if view is not None and view.dtype == getattr(engine.packed, name).dtype:
+                setattr(engine.packed, name, view)
+                self._shared.add(name)
+        diverged = engine.diverged_view()
         self._diverged = (lambda: diverged) if diverged is not None else (lambda: engine.progress()["diverged"])
 
     def __exit__(self, *_: object) -> None:
@@ -303,7 +306,8 @@ class SteppedRun:
             SimulationError: an unknown input, a shape or value that is not allowed, or a time that is too short.
         """
         engine = self._running
-        if over is None and self._is_shared and self._hold(values):
+        if over is None and self._hold(values):
+            self._write_constants(["tables"])
             return
         time, end = self._clock.next, None
         if not isinstance(values, Mapping):
@@ -317,8 +321,12 @@ class SteppedRun:
             if not port.kind.tables:
                 self._note_stored_energy(port, value)
             changed |= port.set_values(engine.packed, value, time, end)
-        for array in sorted(changed - {"tables"} if self._is_shared else changed):
-            engine.set_constants(array, getattr(engine.packed, array))
+        self._write_constants(changed)
+
+    def _write_constants(self, changed: Iterable[str]) -> None:
+        """Has the device take over constant data that have changed, unless it reads them where they are."""
+        for name in sorted(name for name in changed if name not in self._shared):
+            self._running.set_constants(name, getattr(self._running.packed, name))
 
     def _hold(self, values: Any) -> bool:
         """Holds inputs at other numbers, if all of them are held already; returns whether they are."""
@@ -399,8 +407,8 @@ class SteppedRun:
         every = [max(count if n % count == 0 else n, 1) for n, count in zip(until, counts, strict=True)]
         if every != self._every:
             self._every, drives = every, engine.packed.drives
-            drives["frame_interval"] = np.array(every)[self._row_groups]
-            engine.set_constants("drives", drives)
+            drives["frame_interval"] = every[0] if len(every) == 1 else np.array(every)[self._row_groups]
+            self._write_constants(["drives"])
         engine.take_steps(counts[0] if len(counts) == 1 else np.array(counts)[self._row_groups], self._frames)
         self._clock.taken = until
 
