@@ -33,7 +33,7 @@ def own_plugins():
     from warpchain.results import metric_columns, own_metrics
 
     registries = (laws.LAWS, laws.LAWS_IN_USE, metric_columns.COLUMN_BY_NAME, metric_columns.OWN_COLUMNS)
-    registries += (own_metrics.OWN_METRICS, plugins._LOADED)
+    registries += (own_metrics.OWN_METRICS, plugins._LOADED, plugins._DIRECT)
     held, forces = [dict(of) for of in registries], impact.FORCES
     yield
     for registry, before in zip(registries, held, strict=True):

@@ -203,6 +203,15 @@ def test_a_file_is_loaded_once_and_must_stay_as_it_is(tmp_path):
         load_plugin(write_plugin(tmp_path, METRICS, "own.txt"))
 
 
+def test_a_script_that_defines_a_metric_itself_is_named_too(tmp_path):
+    script = write_plugin(tmp_path, METRICS, "script.py")
+    exec(compile(METRICS, str(script), "exec"), {})
+    run = simulate(fast_drive(), **SHORT)
+    assert run.info.plugins == f"script.py sha256:{hashlib.sha256(METRICS.encode()).hexdigest()}"
+    assert run.metrics["tension_step"][0].as_py() > 0.0
+    assert plugins.loaded_plugins() == ()  # no other process is to run it
+
+
 def test_states_are_not_kept_where_a_metric_reads_frames(tmp_path):
     from warpchain.engine.checkpoint import States
 

@@ -12,13 +12,15 @@ import pytest
 import warp as wp
 from command import run as command
 from drives import example, two_sprockets
+from own_files import LAW, write_plugin
 from study_helpers import write_study
 
-from warpchain import progress, run_study, simulate
+from warpchain import load_plugin, progress, run_study, simulate
 from warpchain.engine import compilation, gpu_kernels
 from warpchain.engine.compilation import KernelSpec, compile_in_processes, compile_job, compile_jobs, load_cpu_kernels
 from warpchain.engine.gpu import compile_missing_kernels
 from warpchain.engine.gpu_kernels import TALLY_SUM_THREADS, GpuKernels
+from warpchain.engine.own_laws import add_laws
 from warpchain.engine.pack import pack
 from warpchain.engine.settling import damp_arm_contacts, settling_ensemble
 from warpchain.kernels.gpu.statistics import tally_sum_kernel
@@ -65,6 +67,17 @@ def test_a_process_compiles_what_the_caller_looks_for(cache, monkeypatch):
     for job in jobs:
         options = job.spec.module.resolved_options[TALLY_SUM_THREADS]
         assert not job.spec.module._compile(None, None, job.path.name, 90, False, options=options)  # Warp finds it
+
+
+@pytest.mark.long
+@pytest.mark.usefixtures("own_plugins")
+def test_a_process_knows_the_laws_of_plugins(request, tmp_path_factory):
+    load_plugin(write_plugin(tmp_path_factory.mktemp("own"), LAW))
+    add_laws(["approach"])  # tried on the CPU, before there is but the GPU
+    request.getfixturevalue("cache")
+    jobs = list(compile_jobs(COLLECT, "cuda:0"))
+    assert all(job.laws == ("approach",) for job in jobs)
+    assert all(compiled(jobs))
 
 
 def test_where_processes_gain_nothing_there_are_none(cache, monkeypatch):

@@ -129,7 +129,7 @@ def contact_law(
         """Adds the law; returns its function."""
         import warp as wp
 
-        if not isinstance(force, wp.Function):
+        if not isinstance(force, wp.Function) or force.func is None:
             raise PluginError(f"contact law {name!r}: must be a function with @warp.func below @contact_law")
         if len(force.input_types) != 3:
             count = len(force.input_types)
@@ -138,7 +138,8 @@ def contact_law(
                    for what, of in (("factor", factor), ("rebound", rebound))]  # fmt: skip
         for of, at in zip(numbers, (0.5, 0.1), strict=True):
             of(at)
-        plugins.add_to_registry(LAWS, "contact law", name, Law(force, numbers[0], numbers[1], unit, viscous))
+        law, file = Law(force, numbers[0], numbers[1], unit, viscous), force.func.__code__.co_filename
+        plugins.add_to_registry(LAWS, "contact law", name, law, file)
         return force
 
     return add

@@ -50,6 +50,9 @@ class Plugin:
 
 
 _LOADED: dict[Path, Plugin] = {}
+_DIRECT: dict[Path, Plugin] = {}
+"""Files that add to registries though they are not loaded as plug-ins, such as scripts."""
+_LOADING: list[Path] = []
 _ADDED: list[Callable[[], object]] = []
 """Functions that take back what the plug-in has added that is being loaded."""
 
@@ -61,6 +64,7 @@ def load_plugin(path: str | os.PathLike[str]) -> Plugin:
     Raises:
         PluginError: a file that cannot be read, that has changed since it was loaded, or whose code fails.
     """
+    load_installed_plugins()
     file = Path(path).resolve()
     digest = _file_digest(file, str(path))
     known = _LOADED.get(file)
@@ -91,15 +95,18 @@ def _file_digest(file: Path, name: str) -> str:
 
 def _add_plugin(plugin: Plugin, name: str, run: Callable[[], object]) -> Plugin:
     """A plug-in whose code has been run; what it added is taken back where that fails."""
-    _ADDED.clear()
+    before = len(_ADDED)  # of a plug-in that loads this one
+    _LOADING.append(plugin.path)
     try:
         with plugin_code(str(plugin.path), name, LOADING_SECONDS):
             run()
     except BaseException:
-        for take_back in reversed(_ADDED):
-            take_back()
+        while len(_ADDED) > before:
+            _ADDED.pop()()
         raise
     finally:
+        _LOADING.pop()
+    if not before:
         _ADDED.clear()
     _LOADED[plugin.path] = plugin
     return plugin
@@ -138,9 +145,14 @@ def loaded_plugins() -> tuple[Plugin, ...]:
     return tuple(_LOADED.values())
 
 
+def _known_plugins() -> list[Plugin]:
+    """Plug-ins that are loaded, and files that add to registries without."""
+    return [*loaded_plugins(), *(plugin for path, plugin in _DIRECT.items() if path not in _LOADED)]
+
+
 def plugin_words() -> str | None:
-    """Names and digests of all loaded plug-ins, or None where there is none."""
-    return ", ".join(plugin.words for plugin in loaded_plugins()) or None
+    """Names and digests of all plug-ins, or None where there is none."""
+    return ", ".join(plugin.words for plugin in _known_plugins()) or None
 
 
 def short_plugin_words(words: str) -> str:
@@ -153,7 +165,7 @@ def missing_plugins(words: str | None) -> str | None:
     """Which of the plug-ins that `plugin_words` once gave are not loaded now, in words; None where all are."""
     if not words:
         return None
-    here = {plugin.name: plugin.digest for plugin in loaded_plugins()}
+    here = {plugin.name: plugin.digest for plugin in _known_plugins()}
     lines = []
     for word in words.split(", "):
         name, _, digest = word.rpartition(" sha256:")
@@ -165,15 +177,17 @@ def missing_plugins(words: str | None) -> str | None:
 
 
 def digest_of_file(file: str) -> str:
-    """SHA-256 of the plug-in that is a file, "" where no plug-in is."""
-    plugin = _LOADED.get(Path(file).resolve())
-    if plugin is not None:
-        return plugin.digest
-    return ""
+    """SHA-256 of the file that a plug-in's function stands in, "" where it stands in none."""
+    path = Path(file).resolve()
+    plugin = _LOADED.get(path) or _DIRECT.get(path)
+    return "" if plugin is None else plugin.digest
 
 
-def add_to_registry(registry: dict[str, Any], kind: str, name: str, value: Any) -> None:
+def add_to_registry(registry: dict[str, Any], kind: str, name: str, value: Any, file: str) -> None:
     """Adds what a plug-in defines to a registry, from which it goes again should the plug-in fail.
+
+    Args:
+        file: that the definition stands in.
 
     Raises:
         PluginError: a name that is no word of small letters, digits, "_" and "-", or that is taken.
@@ -184,6 +198,9 @@ def add_to_registry(registry: dict[str, Any], kind: str, name: str, value: Any) 
         raise PluginError(f"{kind} {name!r}: there is one of this name already")
     registry[name] = value
     _ADDED.append(lambda: registry.pop(name, None))
+    path = Path(file).resolve()
+    if not _LOADING and path.is_file():
+        _DIRECT[path] = Plugin(path.name, _file_digest(path, file), path)
 
 
 class _OutOfTimeError(BaseException):

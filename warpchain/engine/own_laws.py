@@ -2,18 +2,16 @@
 
 from __future__ import annotations
 
-import hashlib
 import re
 import sys
 from collections.abc import Iterable
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 import warp as wp
 
 from warpchain.drive.laws import LAWS, LAWS_IN_USE, Law
-from warpchain.drive.plugins import LOADING_SECONDS, plugin_code
+from warpchain.drive.plugins import LOADING_SECONDS, digest_of_file, plugin_code
 from warpchain.errors import PluginError
 from warpchain.kernels.cpu.law_trial import law_trial_kernel
 from warpchain.kernels.physics import impact
@@ -25,8 +23,9 @@ KERNEL_FACTORIES = {
     "cpu.relax": "relax_kernel",
     "gpu.block": "block_kernel",
     "gpu.relax": "block_relax_kernel",
+    "gpu.statistics": "tally_sum_kernel",
 }
-"""Functions that make, and remember, kernels with contact laws."""
+"""Functions that make, and remember, kernels, whose digests have the contact laws."""
 
 
 def form_of_law(law: Law) -> int:
@@ -57,7 +56,7 @@ def added_laws() -> tuple[str, ...]:
 def _add_force(force: Any) -> None:
     """Adds a law's function to those of kernels; kernels that were made before are forgotten."""
     code = force.func.__code__
-    digest = hashlib.sha256(Path(code.co_filename).read_bytes()).hexdigest()
+    digest = digest_of_file(code.co_filename)
     force.adj.source += f"\n# {digest}"  # kernels' digests have the laws' sources: functions that it calls count, too
     for real in (wp.float64, wp.float32):
         try:

@@ -109,10 +109,10 @@ def metric(
             if channel not in CHANNEL_NAMES:
                 raise PluginError(f"metric {name!r}: no channel {channel!r}; allowed are {', '.join(CHANNEL_NAMES)}")
         asked = (channels,) if isinstance(channels, str) else tuple(channels)
-        column = Column(name, unit, title)
-        add_to_registry(COLUMN_BY_NAME, "metric", name, column)
-        add_to_registry(OWN_COLUMNS, "metric", name, column)
-        add_to_registry(OWN_METRICS, "metric", name, OwnMetric(function, asked))
+        column, file = Column(name, unit, title), function.__code__.co_filename
+        add_to_registry(COLUMN_BY_NAME, "metric", name, column, file)
+        add_to_registry(OWN_COLUMNS, "metric", name, column, file)
+        add_to_registry(OWN_METRICS, "metric", name, OwnMetric(function, asked), file)
         return function
 
     return add
