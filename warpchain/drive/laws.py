@@ -83,7 +83,7 @@ LAWS = {
         viscous=True,
     ),
 }
-"""Contact laws by name, those of plug-ins among them once they are loaded."""
+"""Contact laws by name."""
 LARGEST_FACTOR = 1e12
 """Factor at which the rebound of every law has come down to any restitution."""
 LAWS_IN_USE: dict[str, None] = {}
