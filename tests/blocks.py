@@ -176,13 +176,20 @@ def bucketed_rk4():
 GOODS = {"load_per_length": 4.0, "between": ["wheel", "weight"], "begin": 0.1, "end": 0.28, "feed_speed": 0.3}
 
 
+RIM = {
+    "sprockets.start.center": [-0.18521, -0.4], "sprockets.start.rim": 0.1,
+    "sprockets.start.prescribed": {"speed": 2.0, "ramp_time": 0.01},
+}  # fmt: skip
+"""The first end of `hoist` on the rim of a wheel that turns, at the same place."""
+
+
 def hoists():
-    """Open chains: with a swinging weight, rubbing joints and goods on its strand; between a led end and a slider."""
+    """Open chains: from a rim to a swinging weight, with rubbing joints and goods; between a led end and a slider."""
     first = hoist()
     led = {"kind": "prescribed", "direction": [0.0, 1.0], "amplitude": 1e-3, "frequency": 200.0}
     slider = {"kind": "slider", "direction": [0.0, -1.0], "stiffness": 1e3, "damping": 10.0, "preload": 50.0}
     return [
-        first.with_values(BENDING | {"sprockets.wheel.load": {"torque": 5.0}, "chain.load": GOODS}),
+        first.with_values(BENDING | RIM | {"sprockets.wheel.load": {"torque": 5.0}, "chain.load": GOODS}),
         first.with_values({"sprockets.start.mount": led, "sprockets.weight.mount": slider}),
     ]
 

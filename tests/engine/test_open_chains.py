@@ -238,6 +238,76 @@ def test_a_weight_on_the_first_pin_hangs_as_one_on_the_last():
     np.testing.assert_allclose(other, one[::-1], atol=1e-12)
 
 
+RIM, WEIGHT = 0.2, 60.0
+
+
+def crank(turned, last=False, shafts=(), **run):
+    """30 links that hang from the rim of a wheel at the height of its center, on its right, down to a weight."""
+    rim = {"name": "rim", "center": [-RIM, 0.0], "rim": RIM} | turned
+    weight = {"name": "weight", "center": [0.0, -0.762], "mass": WEIGHT, "mount": {"kind": "free"}}
+    ends = [weight, rim] if last else [rim, weight]
+    return Drive(
+        chain={
+            "size": "16B", "links": 30, "stiffness": 2e7, "damping_ratio": 0.05, "ends": [end["name"] for end in ends],
+        },
+        sprockets=ends,
+        contact={"sprocket": CONTACT},
+        run={"duration": 0.4, "gravity": [0.0, -GRAVITY], "sample_rate": 2000.0, "step": 1e-5} | run,
+        **({"shafts": list(shafts)} if shafts else {}),
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize("last", [False, True])
+def test_an_end_on_a_rim_is_led_around_its_center(last):
+    drive = crank({"prescribed": {"speed": 2.0, "ramp_time": 0.2}}, last)
+    trajectory, metrics = run_of(drive, window=(0.0, 0.4))
+    s = int(last)
+    angle, pin = trajectory.sprocket_angle[:, s], trajectory.position[:, -1 if last else 0]
+    place = np.stack([-RIM + RIM * np.cos(angle), RIM * np.sin(angle)], axis=1)
+    np.testing.assert_allclose(pin, place, atol=1.5 * 800.0 / 2e7)  # the hole gives by T / k
+    # what holds the pin turns the wheel: input work is the rise of the weight and the chain, and their motion
+    mass = WEIGHT + 30.5 * ROLLER
+    speed = RIM * 2.0 * np.cos(angle[-1])
+    expected = mass * GRAVITY * RIM * np.sin(angle[-1]) + 0.5 * mass * speed**2
+    assert metrics["input_work"] == pytest.approx(expected, rel=0.02)
+    assert abs(metrics["energy_residual_relative"]) < 1e-6
+
+
+def test_a_wheel_that_turns_freely_balances_its_rim_s_pull():
+    pull = GRAVITY * (WEIGHT + 30.5 * ROLLER)
+    drive = crank({"inertia": 0.5, "load": {"torque": -pull * RIM}})
+    trajectory, metrics = run_of(drive, window=(0.0, 0.4))
+    # ramped up or not, it stands: 0.4 s of a hundredth of the torque would turn it by 0.04
+    assert np.abs(trajectory.sprocket_angle[:, 0]).max() < 4e-3
+    assert abs(metrics["energy_residual_relative"]) < 1e-6
+
+
+def test_a_rim_on_a_shaft_turns_as_one_that_is_led_itself():
+    motion = {"speed": 2.0, "ramp_time": 0.2}
+    own, _ = run_of(crank({"prescribed": motion}))
+    drum, metrics = run_of(crank({"shaft": "drum"}, shafts=[{"name": "drum", "prescribed": motion}]))
+    np.testing.assert_allclose(drum.position, own.position, atol=1e-12)
+    assert metrics["drum.speed_max"] == pytest.approx(2.0)
+
+
+@pytest.mark.parametrize(
+    ("values", "line"),
+    [
+        ({"sprockets.wheel.rim": 0.1}, "sprockets.wheel.rim: only of an end of an open chain"),
+        ({"sprockets.weight.rim": 0.1}, "sprockets.weight.mount: must be fixed with rim"),
+        ({"sprockets.start.rim": -0.1}, "sprockets.start.rim = -0.1: must be a positive number"),
+        (
+            {"sprockets.start.key": 30.0},
+            "sprockets.start.key = 30.0: not of an end of a chain, which has no teeth and no",
+        ),
+    ],
+)
+def test_a_rim_where_none_can_be_is_one_line(values, line):
+    with pytest.raises(DriveError) as caught:
+        hoist().with_values(values)
+    assert line in str(caught.value) and "\n" not in str(caught.value)
+
+
 @pytest.mark.parametrize("joint", [None, {"friction": 0.1, "pin_radius": 0.008}])
 def test_a_loop_cut_open_and_tied_together_again_has_the_loop_s_bits(joint):
     """The way of open chains through the kernel, with no link absent, against that of a loop."""

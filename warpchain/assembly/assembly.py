@@ -53,7 +53,7 @@ from warpchain.drive.stack_math import (
 )
 from warpchain.errors import DriveError
 from warpchain.model import ChainModel, Model
-from warpchain.model.mounts import initial_velocity, is_on_springs, moving_mass, unit_direction
+from warpchain.model.mounts import initial_velocity, is_on_springs, moving_mass, rim_angle, unit_direction
 from warpchain.model.parts_between_chains import LedSprocket
 from warpchain.model.stacks import pick_variants, variants_of_either
 from warpchain.model.start_phase import motion_from_start_phase
@@ -145,6 +145,9 @@ def assemble_stack(model: ChainModel) -> Assembly:
     check_load_places(model, path)
     count, variants = model.chain.rollers, len(path.radius)
     angle, first_seat = _sprocket_angles(model, table_of_columns(seating.first_angle, variants))
+    for s, sprocket in enumerate(model.sprockets):
+        if sprocket.rim is not None:
+            angle[:, s], first_seat[:, s] = rim_angle(sprocket), 0
     speed, shaft_speed = _starting_speeds(model, path, variants)
     _check_keys(model, angle)
     position, velocity = np.empty((variants, count, 2)), np.empty((variants, count, 2))
@@ -233,6 +236,9 @@ class _RollerPlacement:
         across, up = radius * np.cos(polar), radius * np.sin(polar)
         self.position[:, rollers, 0] = center[:, 0, None] + across
         self.position[:, rollers, 1] = center[:, 1, None] + up
+        if sprocket.rim is not None:
+            rim = self._own(sprocket.rim)
+            across, up = rim * np.cos(polar), rim * np.sin(polar)
         self.velocity[:, rollers, 0] = self._own(velocity[..., 0]) + speed[:, None] * -up
         self.velocity[:, rollers, 1] = self._own(velocity[..., 1]) + speed[:, None] * across
 
@@ -508,7 +514,8 @@ def _starting_speeds(model: ChainModel, path: ChainPath, variants: int) -> tuple
         if first is not None and len(known) == before:
             travel = model.sprockets[first].sign * known[first] * path.radius[:, first]
             for s, sprocket in enumerate(model.sprockets):
-                known.setdefault(s, sprocket.sign * (travel / path.radius[:, s]))
+                if not sprocket.is_end:
+                    known.setdefault(s, sprocket.sign * (travel / path.radius[:, s]))
         if len(known) == before:
             _spread_speeds(known, tied)
     speeds = [known.get(b, 0.0) for b in range(count + len(model.shafts))]

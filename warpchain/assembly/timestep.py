@@ -5,11 +5,13 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
 from warpchain.drive import Drive
 from warpchain.drive.body_ties import body_names, part_of_body
+from warpchain.drive.sprocket import Sprocket
 from warpchain.drive.stack_math import is_true_somewhere, maximum, power, sqrt
 from warpchain.errors import DriveError
 from warpchain.model import ChainModel, Model, chains_of
@@ -39,6 +41,11 @@ class MovingBody:
     name: str
     square: float
     rate: float
+
+
+def rocking_teeth(sprocket: Sprocket) -> Any:
+    """Number of contacts that stretch where a sprocket rocks on a chain at rest: all teeth but one, a rim's pin."""
+    return maximum(sprocket.teeth - 1, 1)
 
 
 def moving_bodies(of: Drive | ChainModel, held: bool = False) -> list[MovingBody]:
@@ -79,7 +86,7 @@ def _bodies_of_chain(model: ChainModel, held: bool) -> list[MovingBody]:
     for s, sprocket in enumerate(model.sprockets):
         if not held and is_free_body(model, s) and not is_on_springs(sprocket):
             inertia = train_inertia(model, s)
-            turning = (sprocket.teeth - 1) * model.sprocket_stiffness(s) * power(model.pitch_radius(s), 2)
+            turning = rocking_teeth(sprocket) * model.sprocket_stiffness(s) * power(model.pitch_radius(s), 2)
             shaft = _shared_shaft(model, s)  # of all its chains: `moving_bodies`
             name = f'sprocket "{sprocket.name}"' if shaft is None else _on_shaft(shaft)
             found.append(MovingBody(name, turning / inertia, 0.0))
@@ -130,7 +137,7 @@ def _coupling_bodies(model: ChainModel) -> list[MovingBody]:
         square = coupling.stiffness * give
         for s, _ in turns:
             if s < len(model.sprockets) and is_free_body(model, s):
-                teeth = (model.sprockets[s].teeth - 1) * model.sprocket_stiffness(s)
+                teeth = rocking_teeth(model.sprockets[s]) * model.sprocket_stiffness(s)
                 square = square + teeth * power(model.pitch_radius(s), 2) / train_inertia(model, s)
         steep = 0.0 if coupling.clutch is None else coupling.clutch.steepest_change
         found.append(MovingBody(f'coupling "{coupling.name}"', square, (coupling.damping + steep) * give))
@@ -151,7 +158,7 @@ def _valve_bodies(model: ChainModel) -> list[MovingBody]:
         if is_free_body(model, b):
             stiffness = valves.torsional_stiffness
             if b < len(model.sprockets):
-                teeth = (model.sprockets[b].teeth - 1) * model.sprocket_stiffness(b)
+                teeth = rocking_teeth(model.sprockets[b]) * model.sprocket_stiffness(b)
                 stiffness = stiffness + teeth * power(model.pitch_radius(b), 2)
             found.append(MovingBody(f'valves "{valves.name}"', stiffness / train_inertia(model, b), 0.0))
     return found

@@ -143,13 +143,13 @@ def _chain_values(values: Mapping[str, Any], alone: bool) -> Values:
 
 
 def _end_values(values: Mapping[str, Any], chains: Sequence[Any]) -> Values:
-    """Defaults of the ends of open chains: not turning, unless with a shaft."""
+    """Defaults of the ends of open chains: not turning, unless with a shaft or a rim."""
     ends = [name for chain in chains for name in node_list(chain, "ends")]
     for s, sprocket in enumerate(node_list(values, "sprockets") if ends else ()):
         if isinstance(sprocket, Mapping) and node_value(sprocket, "name") in ends:
             if node_value(sprocket, "wrap") is None:
                 yield ("sprockets", s, "wrap"), "ccw"
-            if node_value(sprocket, "prescribed") is None and node_value(sprocket, "shaft") is None:
+            if all(node_value(sprocket, key) is None for key in ("prescribed", "shaft", "rim")):
                 yield ("sprockets", s, "prescribed"), {"speed": 0.0}
 
 

@@ -55,8 +55,10 @@ def sprocket_rules(drive: Any) -> Iterator[Problem]:
         yield Problem(("sprockets",), None, f"none is prescribed; {text}", BARE)
 
 
-ON_TEETH = ("teeth", "pitch", "tooth", "key", "bearing", "load", "balance_wheel", "shaft")
+ON_TEETH = "teeth", "pitch", "tooth", "balance_wheel"
 """Keys of sprockets that a chain's end has not."""
+ON_RIMS = "key", "bearing", "load", "shaft"
+"""Keys that an end has on a rim only."""
 
 
 Path = tuple[str | int, ...]
@@ -85,14 +87,19 @@ def _end_rules(drive: Any, sprockets: Sequence[Any]) -> Iterator[Problem]:
         if not isinstance(name, str) or name not in ends:
             if node_value(sprocket, "teeth") is None or (isinstance(sprocket, Sprocket) and sprocket.is_end):
                 yield Problem(("sprockets", s, "teeth"), None, f"missing; {allowed_text(Sprocket, 'teeth')}", BARE)
+            if node_value(sprocket, "rim") is not None:
+                yield Problem(("sprockets", s, "rim"), None, "only of an end of an open chain", BARE)
             continue
-        for key in ON_TEETH:
+        on_rim = node_value(sprocket, "rim") is not None
+        if on_rim and node_value(node_value(sprocket, "mount"), "kind") not in (None, "fixed"):
+            yield Problem(("sprockets", s, "mount"), None, "must be fixed with rim", BARE)
+        for key in ON_TEETH if on_rim else ON_TEETH + ON_RIMS:
             value = node_value(sprocket, key)
             if value is not None and not (key == "teeth" and value == END_TEETH):
                 yield Problem(
                     ("sprockets", s, key),
                     value if are_numbers(value) else None,
-                    "not of an end of a chain, which has no teeth",
+                    "not of an end of a chain, which has no teeth" + (" and no rim" if key in ON_RIMS else ""),
                 )
 
 

@@ -283,7 +283,8 @@ class Sprocket(Part):
         balance_wheel: eccentric mass.
         mount: mount of its center.
         shaft: shaft, or of several chains another sprocket, that it turns with.
-        key: angle where the chain is laid [degrees]; None is where it seats.
+        rim: radius at which an end's pin is held on a wheel that turns about the center [m]; None is in the center.
+        key: angle where the chain is laid [degrees], that of an end's pin on its rim; None is where it seats.
         bearing: friction of its bearing; None is none.
     """
 
@@ -301,6 +302,7 @@ class Sprocket(Part):
     balance_wheel: BalanceWheel | None = None
     mount: Mount = FixedMount()
     shaft: Name | None = None
+    rim: Positive | None = None
     key: Finite | None = None
     bearing: Bearing | None = None
 

@@ -22,9 +22,9 @@ def tooth_pitch(sprocket: Sprocket, chain: Chain) -> float:
 
 
 def pitch_radius(sprocket: Sprocket, chain: Chain) -> float:
-    """Radius of a sprocket's pitch circle [m]: p / (2 sin(pi/z)); of an end, `END_RADIUS`."""
+    """Radius of a sprocket's pitch circle [m]: p / (2 sin(pi/z)); of an end its rim's, or `END_RADIUS`."""
     if sprocket.is_end:
-        return END_RADIUS
+        return END_RADIUS if sprocket.rim is None else sprocket.rim
     return tooth_pitch(sprocket, chain) / (2.0 * math.sin(math.pi / sprocket.teeth))
 
 

@@ -76,6 +76,7 @@ GROWS = {
     "sprockets.tooth.tip_radius": _WHEELS,
     "sprockets.balance_wheel.radius": _WHEELS,
     "sprockets.bearing.radius": _WHEELS,
+    "sprockets.rim": _WHEELS,
     "guides.start": _BLOCK,
     "guides.end": _BLOCK,
     "guides.end_radius": _BLOCK,

@@ -309,7 +309,8 @@ def fill_hub_row(row: Any, model: ChainModel, s: int) -> None:
 def fill_body_row(row: Any, model: ChainModel, assembly: Assembly, s: int) -> None:
     """Fills the initial `structs.BodyState` of sprocket s."""
     row["angle"], row["speed"] = assembly.sprocket_angle[..., s], assembly.sprocket_speed[..., s]
-    row["center"] = assembly.path.center[..., s, :]
+    own = model.sprockets[s]
+    row["center"] = assembly.path.center[..., s, :] if own.rim is None else array_of_columns(own.center)
     row["velocity"] = initial_velocity(model.sprockets[s], model.pivot_table(s))
 
 

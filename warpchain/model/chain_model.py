@@ -17,7 +17,7 @@ from warpchain.drive.motion_table import PlaceTable
 from warpchain.drive.run_settings import Probe, RunSettings
 from warpchain.drive.shafts import Coupling, Gear, Shaft
 from warpchain.drive.sprocket import ArmMount, Sprocket, strand_names
-from warpchain.drive.sprocket_teeth import is_catching, pitch_radius, sprocket_tooth, tooth_pitch
+from warpchain.drive.sprocket_teeth import END_RADIUS, is_catching, pitch_radius, sprocket_tooth, tooth_pitch
 from warpchain.drive.stack_math import arcsin, hypot, maximum, power, sqrt, where
 from warpchain.drive.stiffness import contact_stiffness
 from warpchain.drive.tensioners import Tensioner
@@ -107,7 +107,7 @@ class ChainModel:
         cos(a/2)) / (2 sin(a/2)).
         """
         if self.sprockets[s].is_end:
-            return self.pitch_radius(s)
+            return END_RADIUS
         half = math.pi / self.sprockets[s].teeth
         alone = maximum(self.sprocket_pitch(s), self.chain.worn_pitch) / (2.0 * math.sin(half))
         if self.chain.outer is None:
@@ -139,6 +139,8 @@ class ChainModel:
 
     def engagement(self, s: int) -> float:
         """Height over a sprocket's pitch circle within which it keeps rollers [m]: half a pitch, or to the tips."""
+        if self.sprockets[s].is_end:
+            return 0.0
         reach = self.tip_radius(s) + self.chain.roller_radius - self.pitch_radius(s)
         return maximum(0.5 * self.chain.pitch, reach)
 

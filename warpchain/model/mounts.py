@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from warpchain.drive.sprocket import ArmMount, ElasticMount, FixedMount, PrescribedMount, SliderMount
-from warpchain.drive.stack_math import array_of_columns, cos, hypot, is_true_somewhere, maximum, power, sin
+from warpchain.drive.stack_math import array_of_columns, cos, hypot, is_true_somewhere, maximum, power, radians, sin
 
 if TYPE_CHECKING:
     from warpchain.drive.motion_table import PlaceTable
@@ -28,9 +28,17 @@ def _unit_components(direction: tuple[float, float]) -> tuple[Any, Any]:
     return x / size, y / size
 
 
+def rim_angle(sprocket: Sprocket) -> Any:
+    """Angle of an end's pin on its rim at t = 0 [rad]."""
+    return radians(0.0 if sprocket.key is None else sprocket.key)
+
+
 def initial_place(sprocket: Sprocket) -> tuple[Any, Any]:
-    """Coordinates of a sprocket's center at t = 0 [m]."""
+    """Coordinates at t = 0 of a sprocket's center, or of an end's pin on a rim [m]."""
     (x, y), mount = sprocket.center, sprocket.mount
+    if sprocket.rim is not None:
+        angle = rim_angle(sprocket)
+        return x + sprocket.rim * cos(angle), y + sprocket.rim * sin(angle)
     if not isinstance(mount, PrescribedMount) or mount.direction is None:
         return x, y
     (ux, uy), way = _unit_components(mount.direction), mount.offset + mount.amplitude * sin(mount.phase)

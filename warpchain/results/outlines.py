@@ -47,7 +47,9 @@ def pose_at_start(model: ChainModel, path: ChainPath | None = None) -> DrivePose
     arms = np.zeros(len(model.arms))
     for a in range(len(arms)):
         arms[a] = sum(path.arm_angle[on] for on in (a, model.parent(a)) if on is not None)
-    return DrivePose(path.center, np.zeros(len(path.center)), arms, arm_pivots(model, [0.0], arms[None])[0])
+    rims = np.array([sprocket.rim is not None for sprocket in model.sprockets])
+    center = np.where(rims[:, None], [sprocket.center for sprocket in model.sprockets], path.center)
+    return DrivePose(center, np.zeros(len(center)), arms, arm_pivots(model, [0.0], arms[None])[0])
 
 
 def pose_at_frame(trajectory: Trajectory, f: int) -> DrivePose:
@@ -129,10 +131,10 @@ def guide_arm_tensioner_parts(model: ChainModel, pose: DrivePose) -> list[Outlin
 
 
 def tooth_outline(model: ChainModel, s: int, arc_points: int = 9) -> Array:
-    """Closed outline (P, 2) [m] of a sprocket's teeth, or of the hole that an end is."""
+    """Closed outline (P, 2) [m] of a sprocket's teeth, or of the hole or the rim that an end is."""
     if model.sprockets[s].is_end:
-        turn = np.linspace(0.0, 2.0 * math.pi, 4 * arc_points + 1)
-        return model.chain.roller_radius * np.stack([np.cos(turn), np.sin(turn)], axis=1)
+        turn = np.linspace(0.0, 2.0 * math.pi, 12 * arc_points + 1)
+        return (model.sprockets[s].rim or model.chain.roller_radius) * np.stack([np.cos(turn), np.sin(turn)], axis=1)
     return teeth_outline(model.tooth(s), model.sprockets[s].teeth, model.pitch_radius(s), arc_points)
 
 
