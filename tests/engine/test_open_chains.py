@@ -318,3 +318,13 @@ def test_a_loop_cut_open_and_tied_together_again_has_the_loop_s_bits(joint):
     np.testing.assert_array_equal(found[1], found[0])
     loop.chains["absent"] = drive.chain.links  # cut, it falls apart
     assert np.abs(state(raw_run(loop)[0]) - found[0]).max() > 1e-3
+
+
+def test_copies_of_ends_can_change_anything_but_have_no_teeth():
+    drive = crank({"inertia": 0.5, "load": {"torque": -120.0}})
+    for values in ({"sprockets.rim.rim": 0.1}, {"sprockets.rim.load": None}, {"sprockets.weight.mass": 3.0}):
+        copy = drive.with_values(values)
+        assert loads_drive(dumps_drive(copy)) == copy
+    assert hoist().with_values({"sprockets.start.prescribed": {"speed": 1.0}}).sprockets[0].prescribed.speed == 1.0
+    with pytest.raises(DriveError, match=r"sprockets\.rim\.teeth = 1: must be an integer of at least 5"):
+        drive.with_values({"sprockets.rim.teeth": 1})

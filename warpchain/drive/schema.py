@@ -265,6 +265,8 @@ class Part(BaseModel):
     """Part whose keys it overrides."""
     _quantities: ClassVar[frozenset[str]] = frozenset()
     """Keys whose unit other values give."""
+    _unsaid: ClassVar[Mapping[str, Any]] = {}
+    """Values of keys that stand for a key left out, which files cannot have."""
     _judged: ClassVar[frozenset[str] | None] = None
     """Keys of the numbers that its rules compare; None is any."""
 

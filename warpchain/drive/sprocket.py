@@ -306,6 +306,7 @@ class Sprocket(Part):
     key: Finite | None = None
     bearing: Bearing | None = None
 
+    _unsaid: ClassVar[Mapping[str, Any]] = {"teeth": END_TEETH}
     _judged: ClassVar[frozenset[str]] = frozenset({"teeth"})
     _elsewhere: ClassVar[Mapping[str, str]] = ON_COUPLINGS
 
@@ -313,14 +314,6 @@ class Sprocket(Part):
     def sign(self) -> int:
         """+1 if the sprocket's forward rotation is counter-clockwise, else -1."""
         return 1 if self.wrap == "ccw" else -1
-
-    @classmethod
-    def _complete_values(cls, values: Any) -> Any:
-        """A sprocket's values; of a changed copy of an end, whose motion is a part, without its number of teeth."""
-        if not isinstance(values, Mapping) or values.get("teeth") != END_TEETH:
-            return values
-        copied = isinstance(values.get("prescribed"), Part)
-        return {key: value for key, value in values.items() if key != "teeth"} if copied else values
 
     @property
     def is_end(self) -> bool:
