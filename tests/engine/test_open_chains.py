@@ -10,8 +10,11 @@ from raw import run as raw_run
 from raw import state
 
 from warpchain import Drive, Record, assemble, dumps_drive, loads_drive, modes, simulate
+from warpchain.assembly.statics import at_rest
 from warpchain.engine.pack import pack
 from warpchain.errors import DriveError, WarpchainError
+from warpchain.fit import fit_position
+from warpchain.model import single_chain
 from warpchain.results.schedule import Schedule
 from warpchain.results.tooth_jump import tooth_jump_margin
 
@@ -64,6 +67,20 @@ def test_a_slack_chain_between_two_walls_is_a_catenary():
     pull = tension * (x[1:, 0] - x[:-1, 0]) / np.hypot(*(x[1:] - x[:-1]).T)
     np.testing.assert_allclose(pull, pull.mean(), rtol=2e-3)  # the horizontal part is the same everywhere
     assert lowest == pytest.approx(pull.mean(), rel=1e-2)
+
+
+def test_check_and_fit_find_the_sag_of_a_slack_chain_between_two_walls():
+    """A parabola of 60 links: 8 s^2 / (3 L) longer than the chord, and w L^2 / (8 s) of tension, to (s / L)^2."""
+    drive = rope(60, [{"center": [0.0, 0.0]}, {"center": [1.5, 0.0]}])
+    fitted = fit_position(drive, "last", (1.0, 0.0), sag=0.1)
+    span = fitted.sprockets[1].center[0]
+    assert 60 * PITCH - span == pytest.approx(8.0 * 0.1**2 / (3.0 * span), rel=0.02)
+    state = at_rest(single_chain(fitted))
+    assert abs(state.displacement[0]) == pytest.approx(0.1, rel=1e-3)
+    weight = ROLLER / PITCH * GRAVITY
+    assert state.tension[0] == pytest.approx(
+        weight * span**2 / (8.0 * 0.1) * (1.0 + 8.0 / 3.0 * (0.1 / span) ** 2), rel=3e-3
+    )
 
 
 def test_a_hoist_lifts_its_weight_by_mass_times_gravity_and_acceleration():

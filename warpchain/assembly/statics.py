@@ -288,6 +288,7 @@ def _strand_values(potential: Potential, assembly: Assembly, x: Array) -> tuple[
         left = np.array([-u[1], u[0]])
         ha, hb = (r - path.strand_start[k]) @ left, (ends - path.strand_start[k]) @ left
         index = (int(assembly.strand_first[k]) + np.arange(-1, int(assembly.strand_links[k]) + 2)) % potential.rollers
+        index = index[index < potential.model.chain.links]  # not the absent link of an open chain
         on = index[(a[index] > 0.0) & (b[index] < length)]
         middle = index[np.argmin(np.abs(0.5 * (a + b)[index] - 0.5 * length))]
         part = (0.5 * length - a[middle]) / (b[middle] - a[middle])
