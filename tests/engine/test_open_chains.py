@@ -336,6 +336,15 @@ def test_a_loop_cut_open_and_tied_together_again_has_the_loop_s_bits(joint):
     assert np.abs(state(raw_run(loop)[0]) - found[0]).max() > 1e-3
 
 
+@pytest.mark.parametrize("links", [30, 60])
+def test_a_weight_that_stretches_the_chain_too_far_is_refused(links):
+    weak = {"chain.stiffness": 1e-300}
+    with pytest.raises(
+        DriveError, match=r'"weight": its weight and preload stretch the chain by .* %; allowed is at mo'
+    ):
+        assemble(hoist(links=links).with_values(weak))
+
+
 def test_copies_of_ends_can_change_anything_but_have_no_teeth():
     drive = crank({"inertia": 0.5, "load": {"torque": -120.0}})
     for values in ({"sprockets.rim.rim": 0.1}, {"sprockets.rim.load": None}, {"sprockets.weight.mass": 3.0}):

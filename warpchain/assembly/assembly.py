@@ -28,7 +28,7 @@ from numpy.typing import NDArray
 from warpchain.argument_checks import check_arguments
 from warpchain.assembly.arm_balance import ArmBalance, chain_path, chain_paths
 from warpchain.assembly.link_laying import LayingCurve
-from warpchain.assembly.path import ChainPath, check_fit
+from warpchain.assembly.path import MAX_STRAIN, ChainPath, check_fit
 from warpchain.assembly.seating import Loop, Seating, seat_chain
 from warpchain.assembly.strand_load import check_load_places
 from warpchain.assembly.table_cells import initial_speed
@@ -278,6 +278,7 @@ class _RollerPlacement:
         stiffness = self._column(chain.mean_stiffness)[:, 0]
         holes = 1 + self.model.sprockets[1 if s == 0 else s - 1].is_end
         length = natural + ((links + holes) * tension + links * own) / stiffness
+        _check_stretch(sprocket, length / natural - 1.0)
         across = np.einsum("ki,ki->k", off, off) - ahead**2
         side = np.where(ahead < 0.0, -1.0, 1.0)
         moved = side * np.sqrt(np.maximum(length**2 - across, 0.0))
@@ -386,6 +387,16 @@ def _seated_stack_with_arms(model: ChainModel) -> tuple[ChainPath, Seating, Loop
     return path, seating, loop
 
 
+def _check_stretch(sprocket: Sprocket, strain: Any) -> None:
+    """Raises a DriveError where an end's weight and preload stretch the chain too far, of numbers or arrays (V,)."""
+    most = float(np.max(strain))
+    if not most <= MAX_STRAIN:
+        raise DriveError(
+            f'sprocket "{sprocket.name}": its weight and preload stretch the chain by {100.0 * most:.3g} %; allowed is '
+            f"at most {100.0 * MAX_STRAIN:g} %: look at them and at chain.stiffness"
+        )
+
+
 def _with_hanging_end(model: ChainModel, s: int) -> ChainModel:
     """Model of an open chain whose only weight, on end s, is where it strains all strands by T / (k p)."""
     for _ in range(_HANGS):
@@ -406,6 +417,7 @@ def _with_hanging_end(model: ChainModel, s: int) -> ChainModel:
             path.strand_length.sum(axis=1), path.wrapped_pitches))  # fmt: skip
         (pitch,) = columns_of_table(np.asarray(path.pitch)[:, None])
         strain = maximum(tension, 0.0) / (model.chain.mean_stiffness * pitch)
+        _check_stretch(sprocket, strain)
         moved = ((model.chain.links - wrapped) * pitch * (1.0 + strain) - straight) / off
         (x, y), ends = sprocket.center, list(model.sprockets)
         ends[s] = sprocket.model_copy(update={"center": (x + moved * way[0], y + moved * way[1])})
