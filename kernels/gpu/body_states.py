@@ -35,7 +35,7 @@ class BodyStateFunctions:
 @cache
 def body_state_functions(kind: BlockKind) -> BodyStateFunctions:
     """The functions that share bodies and their sums, and put them back into the state."""
-    sprockets, rotors = kind.parts.sprockets, kind.parts.rotors
+    Real, sprockets, rotors = kind.Real, kind.parts.sprockets, kind.parts.rotors
     kinds = kind.types
     Ensemble, State, Shared, Pose = kinds.Ensemble, kinds.State, kinds.Shared, kinds.Pose
     Sums = kinds.Sums
@@ -56,9 +56,17 @@ def body_state_functions(kind: BlockKind) -> BodyStateFunctions:
         return body
 
     @wp.func
+    def has_heading(pose: Pose):
+        """Whether a pose has been worked out."""
+        cosine, sine = leading_value(pose.cosine), leading_value(pose.sine)
+        return cosine != Real(0.0) or sine != Real(0.0)
+
+    @wp.func
     def pose_from_state(ensemble: Ensemble, state: State, drive: Drive, b: int):
-        """The pose of body b of a chain, from the state."""
-        pose = Pose()
+        """The pose of body b of a chain, from the state: that of the launch before, if there was one."""
+        pose = state.poses[drive.first_body + b]
+        if has_heading(pose):
+            return pose
         if wp.static(kind.is_paired):
             if b < drive.sprockets:
                 pose.radius = ensemble.sprockets[drive.first_sprocket + b].exact_radius
@@ -114,12 +122,14 @@ def body_state_functions(kind: BlockKind) -> BodyStateFunctions:
         """Puts the thread's body and its sums back into the state."""
         drive = ensemble.drives[mine.variant]
         b = mine.body
+        at_body = ensemble.drives[mine.drive_row].first_body + mine.body_number
+        state.poses[at_body] = shared.poses[b]
         body = body_from_pose(shared.poses[b])
         body.angle = trimmed_value(body.angle)
         body.speed = trimmed_value(body.speed)
         body.center = trimmed_value(body.center)
         body.velocity = trimmed_value(body.velocity)
-        state.bodies[ensemble.drives[mine.drive_row].first_body + mine.body_number] = body
+        state.bodies[at_body] = body
         if wp.static(kind.measuring):
             if b < sprockets:
                 at = drive.first_sprocket + b

@@ -144,7 +144,7 @@ ARRAYS = {
         "totals": ArrayRow("partner", in_checkpoints=True),
         "progress": ArrayRow("variant", in_checkpoints=True),
         "couplings": ArrayRow("coupling", packed_name="engaged", in_checkpoints=True),
-        "poses": ArrayRow("body", where="cpu"),
+        "poses": ArrayRow("body"),
         "rates": ArrayRow("body", where="cpu"),
         "train_moments": ArrayRow("body", where="cpu"),
         "cams": ArrayRow("body", where="cpu"),
