@@ -32,7 +32,8 @@ def examples(asked: argparse.Namespace) -> Iterator[Line]:
         chains = [f"{chain.name}." for chain in drive.chains] or [""]
         least, most = ([row[f"{chain}tension_{end}"] for chain in chains] for end in ("min", "max"))
         tensions = (min(strands), max(strands), min(least), max(most))
-        yield (f"`{name}`", drive.links, f"{drive.run.duration:g}", *(f"{tension:.0f}" for tension in tensions))
+        links = sum(chain.links for chain in drive.each_chain)
+        yield (f"`{name}`", links, f"{drive.run.duration:g}", *(f"{tension:.0f}" for tension in tensions))
         drive_figure(run[0]).savefig(asked.output / f"{name.replace('_', '-')}-drive.png", dpi=90)
 
 

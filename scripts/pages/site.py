@@ -88,6 +88,7 @@ def lay_sources(folder: Path) -> None:
     shutil.copytree(ROOT / "docs", folder, ignore=shutil.ignore_patterns("*.ipynb"))
     for kind in EXAMPLES:
         shutil.copytree(ROOT / EXAMPLES[kind], folder / kind, ignore=shutil.ignore_patterns("*.py", "__pycache__"))
+    shutil.copyfile(SCRIPTS / "pages" / "site.css", folder / "site.css")
     for name in ("README", "CONTRIBUTING"):
         text = (ROOT / f"{name}.md").read_text()
         text = re.sub(r"(\]\(|src=\")docs/", r"\1", text).replace("](CONTRIBUTING.md)", "](contributing.md)")
