@@ -47,12 +47,12 @@ def last_teeth_frames(trajectory: Any) -> np.ndarray:
 
 def draw_frame(axis: Any, trajectory: Any, f: int, reach: float) -> None:
     """The drive, its chain and the forces at a frame; a newton is `reach` meters long."""
-    drive, x = trajectory.drive, trajectory.position[f]
+    model, x = trajectory.model, trajectory.position[f]
     pose = pose_at_frame(trajectory, f)
-    for part, center in zip(teeth_parts(drive, pose, 5), pose.center, strict=True):
+    for part, center in zip(teeth_parts(model, pose, 5), pose.center, strict=True):
         axis.fill(*part.points.T, fc="0.15", ec="0.5", lw=0.6)
         axis.annotate(part.name, center, fontsize=7, ha="center", va="center")
-    for part in guide_arm_tensioner_parts(drive, pose):
+    for part in guide_arm_tensioner_parts(model, pose):
         axis.plot(*part.points.T, color="#be783c" if part.kind == "guide" else "0.5", lw=2.0)
     links = LineCollection(list(np.stack([x, np.roll(x, -1, axis=0)], axis=1)), cmap=tension_colormap(), lw=2.6)
     links.set_array(trajectory.tension[f])

@@ -189,7 +189,7 @@ def climbed_radius(trajectory: Any, rollers: slice) -> Any:
 
 def draw_worn_driver(axes: Axes, trajectory: Any) -> None:
     """The driver with its chain at the end of the run."""
-    teeth = turn_points(tooth_outline(trajectory.drive, 0), (0.0, 0.0), trajectory.sprocket_angle[-1, 0])
+    teeth = turn_points(tooth_outline(trajectory.model, 0), (0.0, 0.0), trajectory.sprocket_angle[-1, 0])
     axes.fill(*(1e3 * teeth).T, color="0.85", ec="0.4", linewidth=0.8)
     rollers, radius = 1e3 * trajectory.position[-1], 1e3 * trajectory.drive.chain.roller_radius
     turn = np.linspace(0.0, 2.0 * math.pi, 60)
