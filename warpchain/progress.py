@@ -22,7 +22,7 @@ BAR_TEXT = "{desc}: {percentage:.0f} % of {total:.4g} {unit}"
 """Words of a progress bar."""
 PHASES: dict[str, dict[str, Any]] = {
     COMPILING: {
-        "name": "compiling kernels (first run of this kind of drive only)",
+        "name": "compiling kernels (the first time only, some 10 s on two free cores)",
         "unit": "kernels",
         "text": "{desc}: {n:.0f} of {total:.0f} done",
         "few": True,

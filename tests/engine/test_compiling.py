@@ -27,7 +27,7 @@ from warpchain.kernels.gpu.statistics import tally_sum_kernel
 from warpchain.progress import StopRequest
 from warpchain.results.schedule import Schedule
 
-TELLS = "compiling kernels (first run of this kind of drive only): "
+TELLS = "compiling kernels (the first time only, some 10 s on two free cores): "
 COLLECT = [KernelSpec(tally_sum_kernel, (real,), TALLY_SUM_THREADS) for real in (wp.float64, wp.float32)]
 
 

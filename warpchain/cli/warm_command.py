@@ -14,7 +14,9 @@ if TYPE_CHECKING:
     from warpchain.drive import Drive
 
 ONE_CHAIN_AND_SEVERAL = ("marine", "balance_shafts")
-"""Examples whose kernels are those of all drives on a CPU: of one chain, and of several."""
+"""Examples whose kernels are those of all drives on a CPU, of one chain and of several, up to `MOST_LINKS`."""
+MOST_LINKS = 231
+"""Links of the longest chain with these kernels."""
 SHORT_RUN = 1e-4
 """Simulated time of the runs that compile kernels [s]."""
 
