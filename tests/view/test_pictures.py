@@ -16,6 +16,7 @@ from warpchain.results.strand_passing import strand_displacement
 from warpchain.view.figures.chain_figures import contact_angle_figure, link_tension_figure, strand_displacement_figure
 from warpchain.view.figures.drive_figure import drive_figure
 from warpchain.view.figures.figure_style import panel_column, panel_grid, save_figure
+from warpchain.view.figures.plain_figure import tick_label_width
 from warpchain.view.figures.plot import plot_figures, plot_sweep
 from warpchain.view.figures.sweep import SpeedSweep, campbell_figure, speed_sweeps
 from warpchain.view.html import picture_html
@@ -26,6 +27,16 @@ from warpchain.view.rerun.run_playback import FRAME_BUDGET, view
 @pytest.fixture(scope="module")
 def run():
     return simulate(two_sprockets(duration=0.05, gravity=-9.81))
+
+
+def test_powers_of_ten_take_the_room_that_they_are_seen_to_take():
+    """Labels of an upright axis stand as near to powers of ten as to numbers of three figures."""
+    from matplotlib.figure import Figure
+
+    numbers, powers = Figure().subplots(1, 2)
+    numbers.set_ylim(0.0, 600.0)
+    powers.set(yscale="log", ylim=(1e-6, 1e-2))
+    assert 0.5 < tick_label_width(powers) / tick_label_width(numbers) < 1.7
 
 
 def test_names_of_parts_are_no_formulas(tmp_path):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import textwrap
 from typing import Any
 
@@ -19,6 +20,10 @@ TITLE_ROOM, HEAD_ROOM, LEGEND_ROW, FOOT_ROOM = 0.62, 0.24, 0.17, 0.52
 """Heights [in]: of a column's title, of a panel's head, of a legend's further row, of the last panel's axis."""
 SIDE_ROOM, TICK_ROOM, LINE_ROOM = 0.16, 0.17, 1.3
 """Width beside all [in], of ticks without words [in], and height of a line of text over its font's size."""
+
+
+MATH_MARKS = re.compile(r"\\[a-z]+|[${}^]")
+"""Marks of formulas in ticks' labels, such as those of powers of ten."""
 
 
 class PlainFigure(Figure):
@@ -107,7 +112,7 @@ class PanelLayout(LayoutEngine):
             words = [part for line in label.get_text().split("\n") for part in textwrap.wrap(line, max(most, 8))]
             label.set_text("\n".join(words))
             lines = max(lines, len(words))
-        ticks = max(_tick_label_width(axis) for axis in self.panels) + TICK_ROOM
+        ticks = max(tick_label_width(axis) for axis in self.panels) + TICK_ROOM
         fig.subplots_adjust(
             left=(SIDE_ROOM + lines * LINE_ROOM * size / 72.0 + ticks) / width, right=1.0 - self.right / width
         )
@@ -121,11 +126,11 @@ class PanelLayout(LayoutEngine):
         return any(axis.get_title("left") or axis.get_legend() is not None for axis in self.panels)
 
 
-def _tick_label_width(axis: Any) -> float:
+def tick_label_width(axis: Any) -> float:
     """Width [in] of the longest label at a panel's upright axis."""
     low, high = sorted(axis.get_ylim())
     places = [place for place in axis.yaxis.get_majorticklocs() if low <= place <= high]
-    words = axis.yaxis.get_major_formatter().format_ticks(places)
+    words = [MATH_MARKS.sub("", word) for word in axis.yaxis.get_major_formatter().format_ticks(places)]
     size = axis.yaxis.get_tick_params().get("labelsize", rcParams["ytick.labelsize"])
     points = size if isinstance(size, (int, float)) else 10.0
     return LETTER_WIDTH * points * max((len(word) for word in words), default=0)
