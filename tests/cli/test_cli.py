@@ -74,7 +74,7 @@ def test_strand_frequency_is_the_closed_form():
     [
         (
             ["check", "marin"],
-            "marin: neither a drive file nor an example drive (balance_shafts, car, conveyor, derailleur, ",
+            "marin: neither a drive file nor an example drive (balance_shafts, bucket_elevator, car, chain_conveyor, ",
         ),
         (["check", "marime"], 'v6); did you mean "marine"?'),
         (["check", "absent.toml"], "absent.toml: "),
