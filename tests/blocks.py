@@ -536,6 +536,8 @@ arms on arms, shafts, moving centers or valves stands one without.
 """
 RUBBING = (rubbing, bending, uneven, bucketed, hoists)
 ON_ARMS = (*SWUNG, *SWUNG_LIGHT, arms, drawn, fed)
+TENSIONED = (*SWUNG, swung_trains, arms, drawn, fed)
+PUSHED_TRAINS = (*PUSHED, *TRAINS)
 VALVED = (geared_stages, cushed_stages, light_stages, geared_light_stages, stages_of_two_chains, valved_stages)
 V6 = (v6, v6_fed)
 USUAL = [
@@ -548,9 +550,9 @@ USUAL = [
 ]
 """A kernel each: families, whether there are many, and the precision."""
 LONG = [
-    ((*SWUNG, swung_trains, arms, drawn, fed), False, "float64"),
+    (TENSIONED, False, "float64"),
     (PUSHED, False, "float64"),
-    ((*PUSHED, *TRAINS), True, "float32"),
+    (PUSHED_TRAINS, True, "float32"),
     (ARMS_RK4, True, "float64"),
     (OF_TWO_RK4, True, "float32"),
     (TRAINS_RK4, False, "float64"),

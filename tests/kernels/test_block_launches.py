@@ -11,6 +11,9 @@ from blocks import (
     ARMS_RK4,
     MOVING_TRAINS,
     OF_THREE_RK4,
+    PUSHED,
+    PUSHED_TRAINS,
+    TENSIONED,
     arms,
     arms_rk4,
     bending_rk4,
@@ -61,8 +64,10 @@ from warpchain.results.schedule import Schedule
     some_of(
         [
             *product([equal_sprockets, rk4, arms, pushed_slider], [True], ["float64", "float32"], [()]),
+            (pushed_slider, True, "float32", PUSHED_TRAINS),
             *product([arms_rk4], [True], ["float64", "float32"], [ARMS_RK4, OF_THREE_RK4]),
             *product([moving_sprockets], [False, True], ["float64", "float32"], [(), MOVING_TRAINS]),
+            (moving_sprockets, False, "float64", PUSHED),
         ],
         [
             (equal_sprockets, True, "float32", ()),
@@ -71,8 +76,8 @@ from warpchain.results.schedule import Schedule
         ],
         [
             (arms_rk4, True, "float64", ARMS_RK4),
-            (moving_sprockets, False, "float64", ()),
-            (pushed_slider, True, "float32", ()),
+            (moving_sprockets, False, "float64", PUSHED),
+            (pushed_slider, True, "float32", PUSHED_TRAINS),
         ],
     ),
 )
@@ -226,9 +231,10 @@ class Blocks:
         [
             *product([marine, arms], [False], ["float64", "float32"], [32, 64], [()]),
             *product([bending_rk4], [False, True], ["float64", "float32"], [32, 64], [OF_THREE_RK4]),
+            (arms, False, "float64", 32, TENSIONED),
         ],
         [(marine, False, "float64", 64, ()), (bending_rk4, True, "float32", 32, OF_THREE_RK4)],
-        [(arms, False, "float64", 32, ())],
+        [(arms, False, "float64", 32, TENSIONED)],
     ),
 )
 def test_a_longer_run_goes_on_with_the_bits_of_one_run(fibers, drives, many, precision, every, family):

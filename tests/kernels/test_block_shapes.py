@@ -3,10 +3,16 @@
 Few variants have a roller a thread, many a warp each; kernels without metrics take the steps outside its window.
 """
 
+from dataclasses import replace
+from functools import partial
+from itertools import product
+
 import numpy as np
 import pytest
 import warp as wp
 from blocks import (
+    RUBBING,
+    TENSIONED,
     arms,
     bending,
     equal_sprockets,
@@ -22,6 +28,7 @@ from blocks import (
     rubbing,
     run_blocks,
     shape_of,
+    sharing,
     shod,
     some_of,
     swung,
@@ -40,19 +47,24 @@ DRIVES = [
     equal_sprockets, marine, rubbing, bending, uneven, light_wheels, unusual_contacts, moving_sprockets, arms, fed,
     swung, shod, folded, trains, valves, rk4, v6,
 ]  # fmt: skip
-CASES = [(drives, precision) for drives in DRIVES for precision in ("float64", "float32")]
-USUAL = [(bending, "float64")]
-LONG = [(equal_sprockets, "float32"), (shod, "float64"), (marine, "float32"), (arms, "float64"), (swung, "float64")]
+USUAL = [(bending, "float64", RUBBING)]
+LONG = [
+    (equal_sprockets, "float32", ()), (shod, "float64", ()), (marine, "float32", ()), (arms, "float64", TENSIONED),
+    (swung, "float64", TENSIONED),
+]  # fmt: skip
+CASES = list(dict.fromkeys([*USUAL, *LONG, *product(DRIVES, ("float64", "float32"), [()])]))
 STATE = ("rollers", "bodies", "seat", "impact_speed", "tensioners")
 END = 300
 
 
-def taken(variants, precision, each, measuring, order=None):
+def taken(drives, precision, each, measuring, family=()):
     """State and sums of an ensemble at its end, on blocks of which a multiprocessor gets so many."""
-    packed = pack_for(variants, [Schedule(drive.run.step, END, 111, END - 10, 0) for drive in variants], precision)
-    kind = kind_of(packed, shape_of(variants, each), measuring)
-    order = list(range(len(packed.first_rows))) if order is None else order
-    return run_blocks(packed, kind, [END + 1], order, wp.zeros(1, dtype=packed.real, device="cpu"))
+    of_family, kind, frame = sharing(family or (drives,), each > 1, precision)
+    variants = of_family[drives]
+    schedules = [Schedule(drive.run.step, END, 111, END - 10, 0) for drive in variants]
+    packed = replace(pack_for(variants, schedules, precision), frame=frame)
+    order, none = range(len(packed.first_rows)), wp.zeros(1, dtype=packed.real, device="cpu")
+    return run_blocks(packed, replace(kind, measuring=measuring), [END + 1], [*order], none)
 
 
 def assert_same_state(mine, theirs):
@@ -60,18 +72,17 @@ def assert_same_state(mine, theirs):
         np.testing.assert_array_equal(getattr(mine, name).numpy(), getattr(theirs, name).numpy(), err_msg=name)
 
 
-@pytest.mark.parametrize(("drives", "precision"), some_of(CASES, USUAL, LONG))
-def test_each_shape_gives_the_same_bits_with_metrics_and_without(fibers, drives, precision):
-    variants = drives()
-    few, sums = taken(variants, precision, 1, True)
-    many, theirs = taken(variants, precision, 100, True)
+@pytest.mark.parametrize(("drives", "precision", "family"), some_of(CASES, USUAL, LONG))
+def test_each_shape_gives_the_same_bits_with_metrics_and_without(fibers, drives, precision, family):
+    few, sums = taken(drives, precision, 1, True, family)
+    many, theirs = taken(drives, precision, 100, True, family)
     assert_same_state(many, few)
     for name in ARRAYS["sums"]:
         mine, other = (flat(of[name]) if of[name].dtype.names else {"of all": of[name]} for of in (sums, theirs))
         for field in mine:
             np.testing.assert_array_equal(other[field], mine[field], err_msg=f"{name}.{field}")
     for each in (1, 100):
-        assert_same_state(taken(variants, precision, each, False)[0], few)
+        assert_same_state(taken(drives, precision, each, False, family)[0], few)
 
 
 @pytest.mark.parametrize(("drives", "many"), [(shod, 128), (swung, 32)])
@@ -89,7 +100,7 @@ def test_neighbors_that_diverge_leave_a_variant_its_bits(fibers, precision):
     torn = second.with_values({"sprockets.driver.prescribed": {"speed": 1e5, "ramp_time": 0.0}})
     ends = []
     for variants in ([first, second], [first, torn]):
-        state, sums = taken(variants, precision, 100, True)
+        state, sums = taken(partial(list, variants), precision, 100, True)
         of_first = slice(6 * first.chain.links)
         ends.append((state.progress.numpy()["diverged"].tolist(), state.rollers.numpy()[of_first], sums["chain"][0]))
     (none, rollers, chain), (one, beside, sums_beside) = ends
