@@ -13,7 +13,7 @@ import warp as wp
 from warpchain.drive.laws import LAWS, LAWS_IN_USE, Law
 from warpchain.drive.plugins import LOADING_SECONDS, digest_of_file, plugin_code
 from warpchain.errors import PluginError
-from warpchain.kernels.cpu.law_trial import law_trial_kernel
+from warpchain.kernels.cpu.law_trial import TriedForce, law_trial_kernel
 from warpchain.kernels.physics import impact
 
 TRIED = np.array([[e, v, d] for e in (1e-3, 1.0, 1e3, 1e6) for v in (1e-6, 0.01, 1.0, 30.0) for d in (0.0, 0.1, 2.0)])
@@ -93,7 +93,9 @@ def _try_force(force: Any, real: Any) -> None:
     """Compiles a law's function for the CPU, and raises for values that are not allowed."""
     given: wp.array = wp.array(TRIED, dtype=real, device="cpu")
     found: wp.array = wp.zeros(TRIED.shape, dtype=real, device="cpu")
-    wp.launch(law_trial_kernel(force, real), len(TRIED), inputs=[given, found], device="cpu")
+    wp.launch(
+        law_trial_kernel(TriedForce(force.adj.source, force), real), len(TRIED), inputs=[given, found], device="cpu"
+    )
     for (elastic, speed, damping), (damper, slowest, fastest) in zip(TRIED, found.numpy(), strict=True):
         if not (0.0 <= damper < np.inf and slowest <= fastest):
             raise PluginError(
