@@ -10,6 +10,13 @@ from grown import CONTRIBUTING, followed, grown, recipe, run_in
 from warpchain import dumps_drive
 
 TITLES = [line.removeprefix("## ") for line in CONTRIBUTING.read_text().splitlines() if line.startswith("## A new ")]
+LIGHTLY = """
+import warp
+
+warp.config.optimization_level = 1
+warp.config.cpu_compiler_flags = "-march=native"
+"""
+"""Has the CPU's compiler do little for kernels, in half of the time: a recipe has its own, and few steps are taken."""
 ON_FIBERS = """
 import sys
 import warp as wp
@@ -98,7 +105,7 @@ def passed(folder, *words):
 def test_the_recipe_of_a_law(tmp_path):
     paths = ["kernels/physics/impact.py", "warpchain/drive/laws.py", "tests/drive/test_laws.py"]
     folder = followed(tmp_path, "A new contact law", paths)
-    assert run_in(folder, DRIVE).split()[-2:] == ["anagnostopoulos", "True"]
+    assert run_in(folder, LIGHTLY + DRIVE).split()[-2:] == ["anagnostopoulos", "True"]
     # its rebound against the closed form, also as what it is asked for, and the energy balance of a drive
     assert passed(folder, "-k", "anagnostopoulos and not cuda", "tests/drive/test_laws.py") == 10
 
@@ -119,7 +126,7 @@ def test_the_recipe_of_a_moment_in_the_joints(tmp_path):
     (tmp_path / "drive.toml").write_text(dumps_drive(two_sprockets(integrator="rk4", settle="false")))
     folder = followed(tmp_path / "tree", "A new moment in the joints", paths)
     for friction in (0.1, 0.0):
-        run_in(folder, SEALED, tmp_path / "drive.toml", friction)
+        run_in(folder, LIGHTLY + SEALED, tmp_path / "drive.toml", friction)
 
 
 @pytest.mark.long
@@ -130,7 +137,7 @@ def test_the_recipe_of_a_force_on_links(tmp_path):
     taut = two_sprockets(span=20.02, step=2e-6, duration=0.005, torque=100.0)
     (tmp_path / "drive.toml").write_text(dumps_drive(taut))
     folder = followed(tmp_path / "tree", "A new force on links", paths)
-    run_in(folder, PULLED, tmp_path / "drive.toml")
+    run_in(folder, LIGHTLY + PULLED, tmp_path / "drive.toml")
 
 
 @pytest.mark.long
@@ -144,4 +151,4 @@ def test_blocks_follow_every_recipe(tmp_path, precision):
     for file, torque in zip(files, (9e3, 6e3), strict=True):
         file.write_text(dumps_drive(marine.with_values(bar | {"sprockets.camshaft.load.torque": torque})))
     tree = grown(tmp_path / "tree", [change for title in TITLES for change in recipe(title)])
-    run_in(tree, ON_FIBERS, precision, *files)
+    run_in(tree, LIGHTLY + ON_FIBERS, precision, *files)
