@@ -20,7 +20,7 @@ EXTRA_MODULES = {
     "tdms": ("nptdms",),
     "dxf": ("ezdxf",),
     "completions": ("shtab",),
-    "mcp": ("mcp",),
+    "mcp": ("mcp", "anyio"),
     "surrogate": SURROGATE_MODULES,
     "optimize": (*SURROGATE_MODULES, "pymoo"),
     "calibrate": (*SURROGATE_MODULES, "emcee"),

@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 from warpchain.drive import Drive, dumps_drive, loads_drive
 from warpchain.drive import toml as drive_toml
 from warpchain.drive.schema import is_name
+from warpchain.drive.shafts import FIXED
 from warpchain.errors import DriveError
 
 positive = st.floats(1e-6, 1e9)
@@ -19,7 +20,8 @@ not_negative = st.floats(0.0, 1e9)
 number = st.floats(-1e6, 1e6)
 place = st.floats(-1e4, 1e4)
 pairs = st.tuples(place, place)
-names = st.text(st.characters(codec="utf-8"), min_size=1, max_size=8).filter(is_name)
+words = st.text(st.characters(codec="utf-8"), min_size=1, max_size=8).filter(is_name)
+names = words.filter(lambda word: word != FIXED)  # which couplings take for what does not turn
 harmonics = st.lists(st.fixed_dictionaries({"order": positive, "amplitude": number, "phase": number}), max_size=2)
 loads = st.fixed_dictionaries(
     {}, optional={"torque": number, "viscous": not_negative, "ramp_time": not_negative, "harmonics": harmonics}

@@ -102,12 +102,12 @@ class WithoutStreams:
     synchronize_stream = synchronize_event = lambda self, of: None
 
     def get_device(self, name):
-        return SimpleNamespace(sm_count=2, max_shared_memory_per_block=232_448, free_memory=2**33)
+        return SimpleNamespace(sm_count=2, max_shared_memory_per_block=232_448, free_memory=2**33, is_cuda=False)
 
     def empty(self, size, dtype, device, pinned=False):
         return wp.zeros(size, dtype=dtype, device=device)
 
-    def launch(self, kernel, dim, inputs, block_dim, device, stream=None):
+    def launch(self, kernel, dim, inputs, block_dim, device, stream=None, record_cmd=False):
         return wp.launch(on_fibers(kernel), dim, inputs=inputs, block_dim=block_dim, device=device)
 
 

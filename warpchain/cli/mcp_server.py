@@ -18,7 +18,7 @@ from warpchain.cli.shared_options import add_command
 from warpchain.errors import WarpchainError
 
 if TYPE_CHECKING:
-    from mcp_types import CallToolResult, Tool
+    from mcp.types import CallToolResult, Tool
 
 Parsers = Mapping[str, argparse.ArgumentParser]
 
@@ -72,7 +72,7 @@ def serve_assistant(commands: Parsers, write: Path | None) -> int:
     import anyio
     from mcp.server import Server
     from mcp.server.stdio import stdio_server
-    from mcp_types import CallToolResult, ListToolsResult, TextContent
+    from mcp.types import CallToolResult, ListToolsResult, TextContent
 
     from warpchain.version import installed_version
 
@@ -114,7 +114,7 @@ def _command_parser(commands: Parsers, words: tuple[str, ...]) -> argparse.Argum
 
 def _described_tool(name: str, parser: argparse.ArgumentParser, read_only: bool) -> Tool:
     """A tool with its command's help and the schema of its arguments."""
-    from mcp_types import Tool, ToolAnnotations
+    from mcp.types import Tool, ToolAnnotations
 
     said, schema = f"{parser.description}\n{parser.epilog}", arguments_schema(parser)
     if name == "draw":  # which shows the picture, whether a file is asked for or not
@@ -183,7 +183,7 @@ async def _call_command(
     from tempfile import TemporaryDirectory
 
     import anyio
-    from mcp_types import CallToolResult, ImageContent, TextContent
+    from mcp.types import CallToolResult, ImageContent, TextContent
 
     _refuse_outputs_outside(name, arguments, write)
     with TemporaryDirectory() as folder:
