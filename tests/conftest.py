@@ -27,13 +27,14 @@ def own_plugins():
     """Registries that plug-ins add to, as they were before once a test has ended."""
     import warp as wp
 
-    from warpchain.drive import laws, plugins
+    from warpchain.drive import laws, own_loads, plugins
     from warpchain.engine import own_laws
     from warpchain.kernels.physics import impact
-    from warpchain.results import metric_columns, own_metrics
+    from warpchain.results import channels, metric_columns, own_channels, own_metrics
 
     registries = (laws.LAWS, laws.LAWS_IN_USE, metric_columns.COLUMN_BY_NAME, metric_columns.OWN_COLUMNS)
-    registries += (own_metrics.OWN_METRICS, plugins._LOADED, plugins._DIRECT)
+    registries += (own_metrics.OWN_METRICS, plugins._LOADED, plugins._DIRECT, own_loads.OWN_LOADS)
+    registries += (own_channels.OWN_CHANNELS, channels.CHANNEL_BY_NAME, channels.CHANNEL_UNITS)
     held, forces = [dict(of) for of in registries], impact.FORCES
     yield
     for registry, before in zip(registries, held, strict=True):

@@ -50,6 +50,38 @@ def approach_damper(elastic: Any, impact_speed: Any, damping: Any):
 """A spring with a damper that acts only while the roller approaches."""
 
 
+LOADS = """
+import numpy as np
+import warpchain
+
+
+@warpchain.load_law("piston", over="angle", end=2 * np.pi, rows=181)
+def piston(angle):
+    return 40.0 + 25.0 * np.cos(2.0 * angle)
+
+
+@warpchain.load_law("rise", over="time", end=0.1, rows=11)
+def rise(time):
+    return 300.0 * time
+"""
+
+CHANNELS = """
+import numpy as np
+import warpchain
+
+
+@warpchain.channel("link_power", unit="W", title="tension times the speed of the link", per="link",
+                   channels=["tension", "velocity"])
+def link_power(run):
+    return run.tension * np.hypot(run.velocity[..., 0], run.velocity[..., 1])
+
+
+@warpchain.metric("link_power_max", unit="W", title="largest power of a link", channels=["link_power"])
+def link_power_max(run):
+    return run["link_power"].max()
+"""
+
+
 def write_plugin(folder, text, name="own.py"):
     """Writes a plug-in's file; returns its path."""
     path = folder / name

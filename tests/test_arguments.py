@@ -58,7 +58,7 @@ RIGHT = {
     "variant": 0,
 }
 RIGHT |= {"drive": CAR, "drives": CAR, "self": CAR, "rows": [], "speeds": [0.0, 1.0], "count": 1}
-RIGHT |= {"factor": abs, "rebound": abs, "title": "x"}
+RIGHT |= {"factor": abs, "rebound": abs, "title": "x", "end": 1.0, "over": "time"}
 RIGHT |= {"table": pa.table({}), "design": pa.table({}), "number": 0, "metric": "x", "body": 0, "place": Path()}
 RIGHT |= {
     "study": Study.model_construct(),

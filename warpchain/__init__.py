@@ -11,6 +11,7 @@ if TYPE_CHECKING:
     from warpchain.assembly import assemble
     from warpchain.drive import Drive, dumps_drive, load_drive, loads_drive
     from warpchain.drive.laws import contact_law
+    from warpchain.drive.own_loads import load_law
     from warpchain.drive.plugins import load_plugin
     from warpchain.engine.fmu import export_fmu
     from warpchain.engine.simulation import simulate
@@ -20,6 +21,7 @@ if TYPE_CHECKING:
     from warpchain.modal import Modes, modes
     from warpchain.results.engineering_report import Wear
     from warpchain.results.judgement import Limits
+    from warpchain.results.own_channels import channel
     from warpchain.results.own_metrics import metric
     from warpchain.results.run import Record, Run, Trajectory
     from warpchain.study.optimize import open_study, optimize
@@ -38,10 +40,12 @@ _HOME = {
     "Wear": "results.engineering_report",
     "assemble": "assembly",
     "bench_tensioner": "engine.tensioner_bench",
+    "channel": "results.own_channels",
     "contact_law": "drive.laws",
     "dumps_drive": "drive",
     "export_fmu": "engine.fmu",
     "load_drive": "drive",
+    "load_law": "drive.own_loads",
     "load_plugin": "drive.plugins",
     "loads_drive": "drive",
     "metric": "results.own_metrics",
@@ -69,10 +73,12 @@ __all__ = [
     "__version__",
     "assemble",
     "bench_tensioner",
+    "channel",
     "contact_law",
     "dumps_drive",
     "export_fmu",
     "load_drive",
+    "load_law",
     "load_plugin",
     "loads_drive",
     "metric",

@@ -15,6 +15,7 @@ from warpchain.extras import require_extra
 from warpchain.files import refusals_as_errors, whole_file
 from warpchain.results.arrow_tables import export_table, table_with_unit_heads, table_with_units
 from warpchain.results.channels import AXIS_LABELS, CHANNEL_BY_NAME, CHANNEL_UNITS
+from warpchain.results.own_channels import channels_with_own
 from warpchain.version import installed_version
 
 if TYPE_CHECKING:
@@ -86,7 +87,7 @@ def flat_table(trajectory: Trajectory) -> pa.Table:
     units = {"time": CHANNEL_UNITS["time"]}
     drive = trajectory.drive
     named = {kind: [part.name for part in parts] for kind, parts in _bodies_by_kind(drive).items()}
-    for channel, array in trajectory.channels().items():
+    for channel, array in channels_with_own(trajectory).items():
         of = named.get(CHANNEL_BY_NAME[channel].per) or [str(i) for i in range(array.shape[1])]
         for i, part in enumerate(of):
             if array.ndim == 2:
@@ -114,7 +115,7 @@ def _bodies_by_kind(drive: Drive) -> dict[str, Sequence[Any]]:
 
 def _write_npz(file: IO[bytes], trajectory: Trajectory) -> None:
     """Writes a trajectory as .npz: an array a channel, and `units`."""
-    arrays: dict[str, Any] = {"time": trajectory.time, **trajectory.channels()}
+    arrays: dict[str, Any] = {"time": trajectory.time, **channels_with_own(trajectory)}
     np.savez_compressed(file, units=np.array([(name, CHANNEL_UNITS[name]) for name in arrays]), **arrays)
 
 
@@ -145,7 +146,7 @@ def _write_hdf5(file: IO[bytes], trajectory: Trajectory) -> None:
         time = root.create_dataset("time", data=trajectory.time)
         time.attrs["units"] = CHANNEL_UNITS["time"]
         time.make_scale("time")
-        for name, values in trajectory.channels().items():
+        for name, values in channels_with_own(trajectory).items():
             held = root.create_dataset(name, data=values, compression="gzip", shuffle=True)
             held.attrs["units"], held.attrs["description"] = CHANNEL_UNITS[name], CHANNEL_BY_NAME[name].description
             held.dims[0].attach_scale(time)
@@ -159,7 +160,7 @@ def _write_matlab(file: IO[bytes], trajectory: Trajectory) -> None:
     """Writes a trajectory as MATLAB's format 5: a variable a channel, a struct `units`."""
     from scipy.io import savemat
 
-    channels = trajectory.channels()
+    channels = channels_with_own(trajectory)
     held: dict[str, Any] = {"time": trajectory.time[:, None], **channels}
     for kind, parts in _bodies_by_kind(trajectory.drive).items():
         held[f"{kind}s"] = np.array([part.name for part in parts], dtype=object)

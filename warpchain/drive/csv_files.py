@@ -6,8 +6,9 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-from warpchain.drive.file_columns import FILE_KEYS, LIFT_KEYS, columns_of, read_columns, read_points
+from warpchain.drive.file_columns import FILE_KEYS, LIFT_KEYS, OWN_KEY, columns_of, read_columns, read_points
 from warpchain.drive.motion_table import ClutchTable, MotorTable, PlaceTable, SpeedTable, SupplyTable, TorqueTable
+from warpchain.drive.own_loads import own_columns
 from warpchain.drive.schema import Part, node_list, node_value
 from warpchain.drive.toml import value_text
 from warpchain.drive.valves import LiftTable
@@ -23,6 +24,14 @@ TABLES: dict[tuple[str, ...], dict[str, type[Part]]] = {
     ("valves",): {"table": LiftTable},
 }  # fmt: skip
 """Kinds of tables that may name a file, by lists and keys of the drive."""
+
+
+_OWNER = {OWN_KEY: "the load", "file": "the file"}
+
+
+def has_own_load(kind: type[Part]) -> bool:
+    """Whether tables of a kind may name a plug-in's load: those of torques."""
+    return getattr(kind, "_quantity", "") == "torque"
 
 
 def values_with_files(values: dict[str, Any], folder: Path, source: str) -> dict[str, Any]:
@@ -42,25 +51,29 @@ def values_with_files(values: dict[str, Any], folder: Path, source: str) -> dict
 
 
 def _read_tables(values: dict[str, Any], folder: Path) -> list[str]:
-    """Reads the CSV files of tables into `values`; returns error lines."""
+    """Reads the CSV files of tables, and plug-ins' loads, into `values`; returns error lines."""
     problems: list[str] = []
     for holder, key, kind, where in _named_tables(values):
         table = node_value(holder, key)
+        source = OWN_KEY if OWN_KEY in table else "file"
+        place = f"{where}.{source} = {value_text(table[source])}"
         try:
-            columns = read_columns(_path_inside(folder, table["file"]), table, columns_of(kind), kind is LiftTable)
+            if source == OWN_KEY:
+                columns = own_columns(table[source], kind._axes)  # type: ignore[attr-defined]
+            else:
+                columns = read_columns(_path_inside(folder, table["file"]), table, columns_of(kind), kind is LiftTable)
         except DriveError as error:
-            problems += [f"{where}.file = {value_text(table['file'])}: {line}" for line in error.errors]
+            problems += [f"{place}: {line}" for line in error.errors]
             continue
         for column in columns.keys() & table.keys():
-            text = f"not together with {column}; the file has that column"
-            problems.append(f"{where}.file = {value_text(table['file'])}: {text}")
-        kept = {name: value for name, value in table.items() if name not in FILE_KEYS | LIFT_KEYS}
+            problems.append(f"{place}: not together with {column}; {_OWNER[source]} has that column")
+        kept = {name: value for name, value in table.items() if name not in {*FILE_KEYS, *LIFT_KEYS, OWN_KEY}}
         holder[key] = kept | columns
     return problems
 
 
 def _named_tables(values: dict[str, Any]) -> Iterator[tuple[dict[str, Any], str, type[Part], str]]:
-    """Tables that name a file: their owner, their key, kind and path in the drive."""
+    """Tables that name a file or a plug-in's load: their owner, their key, kind and path in the drive."""
     for lists, kinds in TABLES.items():
         for parts in lists:
             for i, part in enumerate(node_list(values, parts)):
@@ -68,7 +81,9 @@ def _named_tables(values: dict[str, Any]) -> Iterator[tuple[dict[str, Any], str,
                     *outer, key = path.split(".")
                     holder = node_value(part, outer[0]) if outer else part
                     table = node_value(holder, key)
-                    if isinstance(holder, dict) and isinstance(table, dict) and isinstance(table.get("file"), str):
+                    if not (isinstance(holder, dict) and isinstance(table, dict)):
+                        continue
+                    if isinstance(table.get("file"), str) or (OWN_KEY in table and has_own_load(kind)):
                         yield holder, key, kind, f"{parts}.{_part_label(part, i)}.{path}"
 
 

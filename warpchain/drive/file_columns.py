@@ -45,6 +45,8 @@ FILE_KEYS = {
     "decimal": "sign before decimals in the file, a point or a comma; default the one that all its numbers have",
     "head": "line of the names in the file; default the one above the numbers",
 }
+OWN_KEY = "own"
+"""Key of a drive file that names a plug-in's load, whose columns a table of torques then has."""
 """Keys of a drive file that say how a text table is read, with descriptions."""
 LIFT_KEYS = {
     "event": "true: the file has the lift while it is open, and it rests for the rest of the turn; false: it repeats",

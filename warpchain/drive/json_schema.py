@@ -6,8 +6,9 @@ import inspect
 import json
 from typing import Any
 
+from warpchain.drive.csv_files import has_own_load
 from warpchain.drive.defaults import FREE_KEYS
-from warpchain.drive.file_columns import FILE_KEYS, LIFT_KEYS
+from warpchain.drive.file_columns import FILE_KEYS, LIFT_KEYS, OWN_KEY
 from warpchain.drive.motion_table import TABLES
 from warpchain.drive.quantities import attribute_descriptions, unit_of_key
 from warpchain.drive.schema import Part, allowed_text
@@ -73,6 +74,8 @@ def _rewrite_for_file(kind: type[Part], table: dict[str, Any]) -> None:
     if issubclass(kind, (*TABLES, LiftTable)):  # a file that it names has the columns
         keys = FILE_KEYS | (LIFT_KEYS if kind is LiftTable else {})
         table["properties"] |= {key: FILE_SHAPES[key] | {"description": of} for key, of in keys.items()}
+        if has_own_load(kind):
+            table["properties"][OWN_KEY] = {"type": "string", "description": "name of a plug-in's load"}
         free = table["properties"]
     if kind.__name__ in DRAWN:
         table["properties"][f"{DRAWN[kind.__name__]}_unit"] = UNIT

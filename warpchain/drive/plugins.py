@@ -1,6 +1,6 @@
-"""Plug-ins: users' files and installed packages that add contact laws and metrics (docs/plugins.md).
+"""Plug-ins: users' files and packages that add contact laws, loads, metrics and channels (docs/plugins.md).
 
-A plug-in is Python code that is run once; its decorators (`warpchain.contact_law`, `warpchain.metric`) add to the
+A plug-in is Python code that is run once; its decorators, such as `warpchain.contact_law`, add to the
 registries. What its code raises becomes an error of one line, with its file and line number.
 """
 

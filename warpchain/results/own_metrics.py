@@ -17,8 +17,9 @@ from warpchain.drive.plugins import (
     plugin_words,
 )
 from warpchain.errors import PluginError
-from warpchain.results.channels import CHANNEL_NAMES
+from warpchain.results.channels import CHANNEL_BY_NAME
 from warpchain.results.metric_columns import COLUMN_BY_NAME, OWN_COLUMNS, Column
+from warpchain.results.own_channels import OWN_CHANNELS, recorded_names
 from warpchain.results.run import Trajectory
 
 if TYPE_CHECKING:
@@ -51,7 +52,11 @@ class MeasuredVariant:
         """A metric of the variant, or a channel that the own metric asks for."""
         if name in self.metrics:
             return self.metrics[name]
-        values = getattr(self.trajectory, name, None) if name in CHANNEL_NAMES else None
+        values = None
+        if self.trajectory is not None and name in OWN_CHANNELS:
+            values = OWN_CHANNELS[name].values(self.trajectory)
+        elif name in CHANNEL_BY_NAME:
+            values = getattr(self.trajectory, name, None)
         if values is None:
             raise PluginError(f"{name!r} is no metric of this drive, and no channel that the own metric asks for")
         return values
@@ -106,8 +111,8 @@ def metric(
         if not hasattr(function, "__code__"):
             raise PluginError(f"metric {name!r}: must be a function")
         for channel in (channels,) if isinstance(channels, str) else channels:
-            if channel not in CHANNEL_NAMES:
-                raise PluginError(f"metric {name!r}: no channel {channel!r}; allowed are {', '.join(CHANNEL_NAMES)}")
+            if channel not in CHANNEL_BY_NAME:
+                raise PluginError(f"metric {name!r}: no channel {channel!r}; allowed are {', '.join(CHANNEL_BY_NAME)}")
         asked = (channels,) if isinstance(channels, str) else tuple(channels)
         column, file = Column(name, unit, title), function.__code__.co_filename
         add_to_registry(COLUMN_BY_NAME, "metric", name, column, file)
@@ -121,8 +126,7 @@ def metric(
 def metric_channels() -> tuple[str, ...]:
     """Channels whose frames plug-ins' metrics need, in the registry's order."""
     load_installed_plugins()
-    wanted = {channel for own in OWN_METRICS.values() for channel in own.channels}
-    return tuple(name for name in CHANNEL_NAMES if name in wanted)
+    return recorded_names(channel for own in OWN_METRICS.values() for channel in own.channels)
 
 
 def with_own_metrics(

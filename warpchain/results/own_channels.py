@@ -1,0 +1,102 @@
+"""Channels of plug-ins: functions of recorded channels, for metrics and exports (docs/plugins.md)."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
+from typing import Any, get_args
+
+import numpy as np
+from numpy.typing import NDArray
+
+from warpchain.argument_checks import check_arguments
+from warpchain.drive.plugins import METRIC_SECONDS, add_to_registry, load_installed_plugins, plugin_code
+from warpchain.errors import PluginError
+from warpchain.results.channels import CHANNEL_BY_NAME, CHANNEL_NAMES, CHANNEL_UNITS, Channel, PartCounts, PartKind
+from warpchain.results.run import Trajectory
+
+ChannelFunction = Callable[[Trajectory], Any]
+
+
+@dataclass(frozen=True)
+class OwnChannel:
+    """A plug-in's channel: its function, and the recorded channels that it needs."""
+
+    function: ChannelFunction
+    channels: tuple[str, ...]
+    channel: Channel
+
+    def values(self, trajectory: Trajectory) -> NDArray[np.float64]:
+        """Values (F, N) of the channel, N the number of its parts.
+
+        Raises:
+            PluginError: what the function raises, or values of another shape.
+        """
+        code = self.function.__code__
+        file, what = code.co_filename, f"channel {self.channel.name!r}"
+        shape = (len(trajectory.time), *self.channel.shape(PartCounts.of_drive(trajectory.parts)))
+        with plugin_code(file, file, METRIC_SECONDS, what, code.co_firstlineno):
+            found = np.array(self.function(trajectory), dtype=float)
+            if found.shape != shape:
+                raise PluginError(f"gives an array of shape {found.shape}; must be {shape}")
+        return found
+
+
+OWN_CHANNELS: dict[str, OwnChannel] = {}
+"""Plug-ins' channels by name."""
+
+
+@check_arguments(PluginError)
+def channel(
+    name: str, *, unit: str = "1", title: str, per: str, channels: Sequence[str]
+) -> Callable[[ChannelFunction], ChannelFunction]:
+    """Decorator of a plug-in's function that makes it the channel `name` of every recorded trajectory.
+
+    The function takes a `Trajectory` with the channels that it asks for, and returns a number for each frame and part,
+    (F, N). Metrics ask for the channel by name, and `warpchain export` writes it.
+
+    Args:
+        unit: SI unit, "1" for a ratio.
+        title: what the channel is, in words.
+        per: kind of its parts, such as "link" or "sprocket".
+        channels: recorded channels that it needs.
+
+    Raises:
+        PluginError: a name that is taken or not allowed, an unknown channel or kind of part, or no function.
+    """
+    kinds = get_args(PartKind)
+    if per not in kinds:
+        raise PluginError(f"channel {name!r}: per = {per!r}: must be one of {', '.join(kinds)}")
+    for needed in channels:
+        if needed not in CHANNEL_NAMES:
+            raise PluginError(f"channel {name!r}: no channel {needed!r}; allowed are {', '.join(CHANNEL_NAMES)}")
+
+    def add(function: ChannelFunction) -> ChannelFunction:
+        """Adds the channel; returns its function."""
+        if not hasattr(function, "__code__"):
+            raise PluginError(f"channel {name!r}: must be a function")
+        file, own = function.__code__.co_filename, Channel(name, unit, per, title)  # type: ignore[arg-type]
+        add_to_registry(CHANNEL_BY_NAME, "channel", name, own, file)
+        add_to_registry(CHANNEL_UNITS, "channel", name, unit, file)
+        add_to_registry(OWN_CHANNELS, "channel", name, OwnChannel(function, tuple(channels), own), file)
+        return function
+
+    return add
+
+
+def recorded_names(names: Iterable[str]) -> tuple[str, ...]:
+    """Channels of frames that channels need, those of plug-ins by what they are made of; in the registry's order."""
+    wanted = {needed for name in names for needed in (OWN_CHANNELS[name].channels if name in OWN_CHANNELS else (name,))}
+    return tuple(name for name in CHANNEL_NAMES if name in wanted)
+
+
+def channels_with_own(trajectory: Trajectory) -> dict[str, NDArray[np.floating]]:
+    """Recorded channels of a trajectory by name, and those of plug-ins that are made of them.
+
+    Raises:
+        PluginError: a plug-in's channel that fails.
+    """
+    load_installed_plugins()
+    held = trajectory.channels()
+    own = {name: of for name, of in OWN_CHANNELS.items() if held.keys() >= set(of.channels)}
+    return held | {name: of.values(trajectory) for name, of in own.items()}
