@@ -115,7 +115,7 @@ def test_an_editable_install_is_a_path_that_type_checkers_follow(tree, tmp_path)
 
 def test_public_names_are_listed_documented_and_typed():
     assert dir(warpchain) == sorted(warpchain.__all__)
-    assert "simulate(drives" in pydoc.render_doc(warpchain, renderer=pydoc.plaintext)
+    assert re.search(r"simulate\(\s*drives", pydoc.render_doc(warpchain, renderer=pydoc.plaintext))
     (typed,) = (node for node in ast.parse(Path(warpchain.__file__).read_text()).body if isinstance(node, ast.If))
     homes = {alias.asname or alias.name: (node.module, alias.name) for node in typed.body for alias in node.names}
     assert homes == {name: (f"warpchain.{home}", name) for name, home in warpchain._HOME.items()}

@@ -1,6 +1,7 @@
 """The table of channels: what follows from it, and what a new channel takes."""
 
 import dataclasses
+import inspect
 import subprocess
 import sys
 
@@ -71,7 +72,7 @@ def test_a_trajectory_holds_every_channel():
     for channel in CHANNELS:
         held = Trajectory(two_sprockets(), np.zeros(1), **{channel.name: np.zeros((1, 1))}).channels()
         assert list(held) == [channel.name]
-        assert f"        {channel.name}: (F, " in Trajectory.__doc__
+        assert f"    {channel.name}: (F, " in inspect.getdoc(Trajectory)
 
 
 def test_what_is_on_request_takes_no_room_unless_asked_for():

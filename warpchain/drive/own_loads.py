@@ -2,19 +2,21 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
-
-import numpy as np
-from numpy.typing import NDArray
+from typing import TYPE_CHECKING, Any
 
 from warpchain.argument_checks import check_arguments
 from warpchain.drive.plugins import METRIC_SECONDS, add_to_registry, load_installed_plugins, plugin_code
 from warpchain.drive.schema import nearest_key_text
 from warpchain.errors import DriveError, PluginError
 
-LoadFunction = Callable[[NDArray[np.float64]], Any]
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
+LoadFunction = Callable[["NDArray[np.float64]"], Any]
 AXES = ("time", "angle", "speed")
 CLOSED = 1e-9
 """Part of its largest torque by which a load over angle may miss where it began; it is closed there."""
@@ -35,6 +37,8 @@ class OwnLoad:
         Raises:
             PluginError: what the function raises, or values that are not one finite torque a row.
         """
+        import numpy as np
+
         code, x = self.function.__code__, np.linspace(0.0, self.end, self.rows)
         file = code.co_filename
         with plugin_code(file, file, METRIC_SECONDS, f"load {name!r}", code.co_firstlineno):
@@ -48,6 +52,8 @@ class OwnLoad:
 
 def _values_text(values: NDArray[np.float64]) -> str:
     """Words on values of a load that are not allowed."""
+    import numpy as np
+
     return f"an array of shape {values.shape}" if np.isfinite(values).all() else "torques that are not finite"
 
 
@@ -73,7 +79,7 @@ def load_law(name: str, *, over: str, end: float, rows: int = 721) -> Callable[[
     """
     if over not in AXES:
         raise PluginError(f"load {name!r}: over = {over!r}: must be one of {', '.join(AXES)}")
-    if not (0.0 < end < np.inf and 2 <= rows <= 100_000):
+    if not (0.0 < end < math.inf and 2 <= rows <= 100_000):
         raise PluginError(f"load {name!r}: must end above 0, in 2 to 100000 rows")
 
     def add(function: LoadFunction) -> LoadFunction:

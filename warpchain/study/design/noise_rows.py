@@ -100,7 +100,7 @@ def _decorrelated_points(points: Array, rng: np.random.Generator) -> Array:
         except np.linalg.LinAlgError:
             break
         r = s @ np.linalg.inv(own).T
-        order = np.stack([rankdata(column, "ordinal") - 1 for column in r.T], axis=1)
+        order = np.stack([rankdata(column, "ordinal").astype(np.int64) - 1 for column in r.T], axis=1)
         s, found = scores[order], np.take_along_axis(np.sort(points, axis=0), order, axis=0)
     return found
 
