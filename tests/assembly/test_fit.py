@@ -343,6 +343,12 @@ def test_drives_moved_together_are_moved_as_if_alone():
     assert any(any(chain_path(single_chain(drive)).strings) for drive in moved)
 
 
+def test_paths_of_drives_that_do_not_differ_are_one_path():
+    drives = [pair(), pair(), pair()]
+    paths = paths_as_drawn(list(map(single_chain, drives)))
+    assert [path.nominal_strain for path in paths] == 3 * [chain_path(single_chain(pair())).nominal_strain]
+
+
 def test_paths_drawn_together_are_those_drawn_alone():
     drives = [*scattered(8), pair(0.0001), pair()]
     paths = paths_as_drawn(list(map(single_chain, drives)))

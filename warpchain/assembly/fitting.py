@@ -292,8 +292,9 @@ def paths_as_drawn(models: Sequence[ChainModel]) -> list[ChainPath | DriveError]
     for stack in stacks_of_drives(models):
         members = stack.members.tolist()
         for places, path in allowed_results(stack.one, len(members), _stack_paths_as_drawn):
+            alike = len(path.radius) == 1  # of drives that do not differ there is one path
             for row, v in enumerate(places.tolist()):
-                found[members[v]] = path[row]
+                found[members[v]] = path[0 if alike else row]
     return [_path_or_refusal(model) if path is None else path for model, path in zip(models, found, strict=True)]
 
 

@@ -200,9 +200,8 @@ def _selection_lines(asked: PowerRequest, found: list[Selection]) -> list[str]:
 def _write_selection(asked: PowerRequest, one: Selection, arguments: Namespace) -> list[str]:
     """Writes the drive file of a selection; returns lines to print."""
     torque = asked.power / (asked.speed * asked.teeth[0] / asked.teeth[1])
-    request = DriveRequest(
-        one.chain, asked.teeth, ((0.0, 0.0), (one.centers, 0.0)), asked.speed, float(f"{torque:.6g}")
-    )
+    wanted = one.centers if asked.centers is None else asked.centers
+    request = DriveRequest(one.chain, asked.teeth, ((0.0, 0.0), (wanted, 0.0)), asked.speed, float(f"{torque:.6g}"))
     path = arguments.output
     lines = write_drive_request(request, path, arguments.overwrite)
     return [*lines, f"the dynamic run beside it: warpchain run {path} -o {path.stem}.mcap (docs/selection.md)"]
