@@ -1,6 +1,7 @@
 """Recommended designs over noise: judged by their own runs and compared in pairs, and what the page says of others."""
 
 import re
+from types import SimpleNamespace
 
 import numpy as np
 import pyarrow as pa
@@ -11,7 +12,7 @@ from warpchain.study.analysis.over_noise import designs_over_noise, noise_spread
 from warpchain.study.analysis.paired import mean_difference
 from warpchain.study.analysis.pareto import Goals
 from warpchain.study.optimize import recommend
-from warpchain.study.optimize.recommend import metric_estimate
+from warpchain.study.optimize.recommend import _simulated_rival, metric_estimate
 from warpchain.study.report import study_report_html
 from warpchain.study.report.decision_sections import ReportGoals
 from warpchain.study.results import read_results
@@ -187,3 +188,12 @@ def test_a_mean_of_replicates_that_is_known_better_than_the_surrogate_knows_it_s
     assert np.array_equal(found.mean, y) and found.deviation == pytest.approx(0.1)
     (best, *_) = recommend(read_results(pa.table(columns), ["a", "b"], ["y"]), Goals((Objective(metric="y"),)))
     assert best.row == int(y.argmin())
+
+
+def test_what_was_simulated_better_stands_beside_the_best_by_estimate():
+    """Of those that keep the limits only; the page has both values, and would contradict its own rows."""
+    goals = SimpleNamespace(cost_signs=(-1.0,))
+    judged = SimpleNamespace(held=np.array([True, True, False]), measured=np.array([[2.0], [1.0], [0.5]]), goals=goals)
+    results = SimpleNamespace(variants=np.array([7, 8, 9]))
+    told = ", by the model's estimate; simulated, variant 8 is better, at -1"
+    assert [_simulated_rival(results, judged, best, 0) for best in (0, 1)] == [told, ""]

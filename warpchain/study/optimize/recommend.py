@@ -179,9 +179,8 @@ def recommend_rows(results: Results, judged: JudgedRows, most: int = 4) -> list[
         picks.append((middle, f"best compromise of {' and '.join(names)}: nearest to having the best of each", -1))
     for m, (name, word) in enumerate(zip(names, words, strict=True)):
         best = int(front[int(np.argmin(judged.costs[front, m]))])
-        picks.append(
-            (best, f"{word} {name} of the variants that keep the limits" if goals.bounds else f"{word} {name}", m)
-        )
+        reason = f"{word} {name} of the variants that keep the limits" if goals.bounds else f"{word} {name}"
+        picks.append((best, reason + _simulated_rival(results, judged, best, m), m))
     if not isinstance(results, Designs):
         rows, cautious = np.flatnonzero(judged.held), judged.costs + 2.0 * judged.spread
         safe = int(rows[int(np.argmin(cautious[rows, 0]))])
@@ -195,6 +194,16 @@ def recommend_rows(results: Results, judged: JudgedRows, most: int = 4) -> list[
         if row in found or len(found) < most:
             found.setdefault(row, []).append((reason, m))
     return [_recommended_design(results, judged, row, reasons) for row, reasons in found.items()]
+
+
+def _simulated_rival(results: Results, judged: JudgedRows, best: int, m: int) -> str:
+    """Words on a variant that was simulated better than the best by estimate, luck taken out; "" without one."""
+    run = np.where(judged.held & np.isfinite(judged.measured[:, m]), judged.measured[:, m], np.inf)
+    rival = int(np.argmin(run))
+    if not run[rival] < judged.measured[best, m]:
+        return ""
+    value = judged.goals.cost_signs[m] * run[rival]
+    return f", by the model's estimate; simulated, variant {results.variants[rival]} is better, at {value:.4g}"
 
 
 def _sure_cost_signs(results: Results, judged: JudgedRows, row: int, others: NDArray[np.intp], m: int) -> Array:
