@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from warpchain.drive.stack_math import array_of_columns
 from warpchain.errors import DriveError
 
 if TYPE_CHECKING:
@@ -49,8 +48,8 @@ def load_line(model: ChainModel, path: ChainPath) -> LoadLine:
     first, last = path.strand_start[..., k, :], path.strand_end[..., k, :]
     whole = np.hypot(*np.moveaxis(last - first, -1, 0))
     direction = (last - first) / whole[..., None]
-    begin = np.zeros_like(whole) + array_of_columns((load.begin,))[..., 0]
-    end = whole if load.end is None else np.zeros_like(whole) + array_of_columns((load.end,))[..., 0]
+    begin = np.zeros_like(whole) + load.begin
+    end = whole if load.end is None else np.zeros_like(whole) + load.end
     ends = k, (k + 1) % len(model.sprockets)
     radii = [np.zeros_like(whole) + model.pitch_radius(s) for s in ends if not model.sprockets[s].is_end]
     reach = np.min(radii, axis=0) if radii else np.full_like(whole, np.inf)

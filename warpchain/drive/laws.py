@@ -147,14 +147,12 @@ def contact_law(
 
 def _number_function(what: str, function: Callable[[float], float]) -> Callable[[float], float]:
     """A plug-in's function of a number, whose mistakes are errors of one line."""
-    code = getattr(function, "__code__", None)
-    if code is None:
+    if not hasattr(function, "__code__"):
         raise PluginError(f"{what} must be a function of a number")
 
     def call(x: float) -> float:
         """The function's value, a finite number."""
-        file, line = code.co_filename, code.co_firstlineno
-        with plugins.plugin_code(file, file, plugins.METRIC_SECONDS, f"{what} of {x:g}", line):
+        with plugins.function_code(function, f"{what} of {x:g}"):
             value = plugins.checked_number(function(x))
             if value is None:
                 raise PluginError("gives None; must be a number")

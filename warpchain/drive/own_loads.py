@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from warpchain.argument_checks import check_arguments
-from warpchain.drive.plugins import METRIC_SECONDS, add_to_registry, load_installed_plugins, plugin_code
+from warpchain.drive.plugins import add_to_registry, function_code, load_installed_plugins
 from warpchain.drive.schema import nearest_key_text
 from warpchain.errors import DriveError, PluginError
 
@@ -39,9 +39,8 @@ class OwnLoad:
         """
         import numpy as np
 
-        code, x = self.function.__code__, np.linspace(0.0, self.end, self.rows)
-        file = code.co_filename
-        with plugin_code(file, file, METRIC_SECONDS, f"load {name!r}", code.co_firstlineno):
+        x = np.linspace(0.0, self.end, self.rows)
+        with function_code(self.function, f"load {name!r}"):
             torque = np.array(self.function(x.copy()), dtype=float)
             if torque.shape != x.shape or not np.isfinite(torque).all():
                 raise PluginError(f"gives {_values_text(torque)}; must be {self.rows} finite torques [N m]")

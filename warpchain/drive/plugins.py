@@ -13,7 +13,7 @@ import signal
 import sys
 import threading
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
@@ -234,6 +234,16 @@ def plugin_code(file: str, name: str, seconds: float, what: str = "", line: int 
         where = f"{name}, line {found}" if found else name
         said = f"takes longer than {seconds:g} s" if isinstance(error, _OutOfTimeError) else _error_words(error)
         raise PluginError(": ".join(filter(None, (where, what, said)))) from None
+
+
+def function_code(function: Any, what: str) -> AbstractContextManager[None]:
+    """Context in which a function of a plug-in runs for one variant or value; `what` it computes, in words.
+
+    Raises:
+        PluginError: as `plugin_code`.
+    """
+    code = function.__code__
+    return plugin_code(code.co_filename, code.co_filename, METRIC_SECONDS, what, code.co_firstlineno)
 
 
 def _error_words(error: BaseException) -> str:

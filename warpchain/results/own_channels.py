@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from warpchain.argument_checks import check_arguments
-from warpchain.drive.plugins import METRIC_SECONDS, add_to_registry, load_installed_plugins, plugin_code
+from warpchain.drive.plugins import add_to_registry, function_code, load_installed_plugins
 from warpchain.errors import PluginError
 from warpchain.results.channels import CHANNEL_BY_NAME, CHANNEL_NAMES, CHANNEL_UNITS, Channel, PartCounts, PartKind
 from warpchain.results.run import Trajectory
@@ -32,10 +32,8 @@ class OwnChannel:
         Raises:
             PluginError: what the function raises, or values of another shape.
         """
-        code = self.function.__code__
-        file, what = code.co_filename, f"channel {self.channel.name!r}"
         shape = (len(trajectory.time), *self.channel.shape(PartCounts.of_drive(trajectory.parts)))
-        with plugin_code(file, file, METRIC_SECONDS, what, code.co_firstlineno):
+        with function_code(self.function, f"channel {self.channel.name!r}"):
             found = np.array(self.function(trajectory), dtype=float)
             if found.shape != shape:
                 raise PluginError(f"gives an array of shape {found.shape}; must be {shape}")

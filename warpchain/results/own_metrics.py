@@ -8,12 +8,11 @@ from typing import TYPE_CHECKING, Any
 
 from warpchain.argument_checks import check_arguments
 from warpchain.drive.plugins import (
-    METRIC_SECONDS,
     add_to_registry,
     checked_number,
     digest_of_file,
+    function_code,
     load_installed_plugins,
-    plugin_code,
     plugin_words,
 )
 from warpchain.errors import PluginError
@@ -75,9 +74,7 @@ class OwnMetric:
         Raises:
             PluginError: what the function raises, or a value that is no finite number.
         """
-        code = self.function.__code__
-        file, line, what = code.co_filename, code.co_firstlineno, f"metric {name!r} of variant {variant}"
-        with plugin_code(file, file, METRIC_SECONDS, what, line):
+        with function_code(self.function, f"metric {name!r} of variant {variant}"):
             if of.trajectory is not None and not len(of.trajectory.time):
                 raise PluginError("no frame lies in the window; raise run.sample_rate")
             return checked_number(self.function(of))
