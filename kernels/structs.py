@@ -65,7 +65,9 @@ class Drive:
     first_gear: wp.int32
     first_coupling: wp.int32
     first_valve: wp.int32
-    first_contact: wp.int32  # first of the (S + G) N contact memories: sprockets, then guide-bars
+    points: wp.int32  # contacts of a pin with a sprocket: 1, of a silent chain its links' flank ends (`physics.toe`)
+    first_contact: wp.int32  # first of the (S points + G) N contact memories: sprockets', point by point, then guides'
+    first_push: wp.int32  # of a silent chain's values in `State.push`
     first_tally: wp.int32  # first of the (S + 1) N link tallies: each strand's, then those of links on no strand
     integrator: wp.int32  # as in `integrate.INTEGRATORS`: 0 leapfrog, above schemes with stages
     hubs: wp.int32  # 1: arms carry sprockets or arms, or bearings rub
@@ -476,6 +478,18 @@ class Chain:
 
 
 @wp.struct
+class Plate:
+    """Plate of a silent chain (`physics.toe`)."""
+
+    begin: wp.vec2d  # center of the arc at a flank's beginning, from the link's middle, outward as that and down [m]
+    tip: wp.vec2d  # the same at the toe's tip [m]
+    radius: wp.float64  # r of these arcs [m]
+    cos_flank: wp.float64  # of the flanks' angle to the link's normal
+    sin_flank: wp.float64
+    side: wp.float64  # +1 where wheels are to the left of the chain's travel, else -1
+
+
+@wp.struct
 class Sprocket:
     """Teeth of one sprocket and their contact law."""
 
@@ -493,6 +507,7 @@ class Sprocket:
     far_square: wp.float64  # (R + b)^2: rollers between are engaged, b = max(p/2, R_tip + Rr + `law.ahead` - R)
     pin: wp.int32  # of an end, its only roller, counted from 1; 0: a sprocket with teeth
     exact_radius: wp.float64  # R, beside rows of float32 too [m]
+    corner: wp.float64  # of a silent chain: tooth's tip along its flank, from the foot of the pin's perpendicular [m]
 
 
 @wp.struct
@@ -813,6 +828,7 @@ class Ensemble:
 
     drives: wp.array[Drive]  # (variants,)
     chains: wp.array[Chain]  # (variants,)
+    plates: wp.array[Plate]  # (variants,)
     lengths: wp.array[wp.float64]  # (all rollers,) unloaded length of each link [m]
     sprockets: wp.array[Sprocket]  # (all sprockets,)
     motions: wp.array[Motion]  # (all bodies,)
@@ -869,6 +885,7 @@ class State:
     impact_speed: wp.array[wp.float64]  # (contact memories,): v0 [m/s], not positive while open (`contact`)
     contact_hold: wp.array[wp.float64]  # (contact memories,): what friction's bristle holds [N] (`friction`)
     damper_speed: wp.array[wp.float64]  # the same: speed at which the damper acted in the step before [m/s] (`impact`)
+    push: wp.array[wp.float64]  # of silent chains: forces of flank ends in the step before, then all on pins, x, y [N]
     joint_hold: wp.array[wp.float64]  # (all rollers,): the same of joints [N m]
     hub_hold: wp.array[wp.float64]  # (all sprockets,): the same of bearings [N m]
     totals: wp.array[Totals]  # (all sprockets and guide-bars,)
@@ -887,6 +904,8 @@ class Memory:
     impact_speed: wp.array[wp.float64]
     bristle: wp.array[wp.float64]  # `State.contact_hold`
     damper_row: wp.int32  # row of the speeds at which dampers acted in the step before (`contact_rows.damper_row`)
+    push_row: wp.int32  # of a silent chain: row of a flank end's forces in the step before, and
+    speed_row: wp.int32  # of its v0 (`contact_rows`)
     first: wp.int32  # of this partner's rollers
     stage: wp.int32  # v0 and holds are kept at stage 0 only, a step's start
     stretch_part: wp.float64  # part of a step over which bristles are stretched (`integrate.stretched_part`)
@@ -951,7 +970,7 @@ PAIRS = {
 def _roller_structs() -> dict[Any, Any]:
     """Structs at float32 of chain and contacts, by those at float64."""
     made: dict[Any, Any] = {}
-    for full in (Friction, StrandLoad, ContactLaw, Chain, Band, Extra):
+    for full in (Friction, StrandLoad, ContactLaw, Chain, Plate, Band, Extra):
         made[full] = at_float32(full, made)
     made[Memory] = at_float32(Memory, made, kept=("time",))
     return made

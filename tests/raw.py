@@ -55,7 +55,7 @@ def chain(
     pieces = sum(len(bar["pieces"]) + 1 for bar in guides if "pieces" in bar)
     zeros = lambda struct, count=1: np.zeros(max(count, 1), dtype=struct.numpy_dtype())  # noqa: E731
     packed = PackedEnsemble(
-        precision=precision, drives=zeros(structs.Drive), chains=zeros(kinds.Chain),
+        precision=precision, drives=zeros(structs.Drive), chains=zeros(kinds.Chain), plates=zeros(kinds.Plate),
         lengths=np.full(n, pitch, dtype=precision), relative_mass=np.ones(n, dtype=precision),
         sprockets=zeros(kinds.Sprocket, wheels), motions=zeros(structs.Motion, bodies),
         mounts=zeros(structs.Mount, bodies), guides=zeros(kinds.Guide, bars),
@@ -70,7 +70,7 @@ def chain(
         seat=np.full(max(n * (wheels + bars), 1), -1, dtype=np.int32), assemblies=blank_states(1),
     )  # fmt: skip
     row = packed.drives[0]
-    row["chains"] = 1
+    row["chains"] = row["points"] = 1
     row["rollers"], row["sprockets"], row["guides"], row["bodies"] = n, wheels, bars, bodies
     row["pieces"], row["arms"] = pieces, len(arms)
     row["integrator"] = INTEGRATORS[integrator]

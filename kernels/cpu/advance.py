@@ -24,6 +24,7 @@ from .neighbor_list import neighbor_list_functions
 from .rollers import ROWS, roller_functions
 from .shared_shafts import shared_shaft_functions
 from .steps import step_functions
+from .toes import toe_functions
 from .window_sums import window_sum_functions
 
 SCRATCH_ROWS = len(ROWS)
@@ -52,10 +53,11 @@ def step_now(drive: Drive, step: int):
 
 
 @cache
-def advance_kernel(Real: type, capacity: int, frame: Any, several: bool) -> wp.Kernel:
+def advance_kernel(Real: type, capacity: int, frame: Any, several: bool, silent: bool = False) -> wp.Kernel:
     """CPU kernel that takes variants through the steps of a launch, for up to `capacity` - 1 rollers of a chain.
 
-    Frames have the channels of `frame` (`kernels.frames`). Only with `several` may a variant have more than one chain.
+    Frames have the channels of `frame` (`kernels.frames`). Only with `several` may a variant have more than one chain,
+    only with `silent` a silent one.
     """
     kinds = types(Real)
     Ensemble, State = kinds.Ensemble, kinds.State
@@ -68,10 +70,11 @@ def advance_kernel(Real: type, capacity: int, frame: Any, several: bool) -> wp.K
     frame_output = frame_output_functions(Real, capacity, frame)
     link_tallies = link_tally_functions(Real, capacity)
     chain_sums = chain_sum_functions(Real, capacity)
-    forces = force_functions(Real, capacity)
+    forces = force_functions(Real, capacity, silent)
     neighbor_list = neighbor_list_functions(Real, capacity)
     near_rollers = near_roller_functions(Real, capacity)
     contact_rows = contact_row_functions(Real, capacity)
+    toes = toe_functions(Real, capacity)
 
     @wp.func
     def drive_at(ensemble: Ensemble, row: int):
@@ -95,6 +98,9 @@ def advance_kernel(Real: type, capacity: int, frame: Any, several: bool) -> wp.K
         if kept & IS_KEPT == 0:
             rollers.fetch(state, ensemble.lengths, w, drive.first_roller, drive.rollers)
             contact_rows.fetch_dampers(state, drive, w)
+            if wp.static(silent):
+                if drive.points > 1:
+                    toes.fetch_pushes(state, drive, w)
             neighbor_list.reset(w, drive)
             link_tallies.clear(w, drive.rollers)
 
@@ -105,6 +111,9 @@ def advance_kernel(Real: type, capacity: int, frame: Any, several: bool) -> wp.K
             chain_sums.merge_tallies(ensemble, state, sums, row, w)
             rollers.put_back(state, w, drive.first_roller, drive.rollers)
             contact_rows.put_back_dampers(state, drive, w)
+            if wp.static(silent):
+                if drive.points > 1:
+                    toes.put_back_pushes(state, drive, w)
 
     @wp.func
     def advance_variant(
@@ -153,7 +162,7 @@ def advance_kernel(Real: type, capacity: int, frame: Any, several: bool) -> wp.K
                         drive, chain, w = drive_at(ensemble, variant + c), chain_at(ensemble, variant + c), scratch[c]
                         memory = near_rollers.memory_at_chain(memory, drive, chain)
                     forces.add_link_forces(ensemble, state, drive, chain, w, memory)
-                    forces.add_contact_forces(ensemble, state, drive, w, memory)
+                    forces.add_contact_forces(ensemble, state, drive, chain, ensemble.plates[variant + c], w, memory)
                     bodies.find_accelerations(ensemble, state, drive, stage, at.time)
                 if wp.static(several):
                     shared_shafts.join_shafts_of_variant(ensemble, state, variant, chains, at.time)
@@ -186,7 +195,7 @@ def advance_kernel(Real: type, capacity: int, frame: Any, several: bool) -> wp.K
             end_launch(ensemble, state, sums, variant + c, ensemble.drives[variant + c], scratch[c], kept)
             state.progress[variant + c] = progress
 
-    @wp.kernel(enable_backward=False, module=own_module(__file__, "advance", Real, capacity, frame, several))
+    @wp.kernel(enable_backward=False, module=own_module(__file__, "advance", Real, capacity, frame, several, silent))
     def advance(
         ensemble: Ensemble,
         state: State,

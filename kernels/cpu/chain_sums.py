@@ -80,7 +80,7 @@ def chain_sum_functions(Real: type, capacity: int) -> ChainSumFunctions:
         for s in range(drive.sprockets):
             before = state.strands[first + wp.where(s > 0, s, drive.sprockets) - 1]
             roller = mid_wrap_roller(before, state.strands[first + s], n)
-            seat = state.seat[drive.first_contact + s * n + roller]
+            seat = state.seat[drive.first_contact + s * drive.points * n + roller]
             sign = ensemble.motions[drive.first_body + s].sign
             teeth = ensemble.sprockets[first + s].teeth
             sums.slip[first + s] = follow_slip(sums.slip[first + s], roller, seat, teeth, sign, n)

@@ -18,6 +18,9 @@ from .partners import partner_functions
 from .rollers import rows
 from .seats import seat_functions
 from .teeth import tooth_functions
+from .toe_forces import toe_force_functions
+from .toe_pairs import toe_pair_functions
+from .toes import toe_functions
 
 
 @dataclass(frozen=True)
@@ -28,14 +31,21 @@ class ContactPairFunctions:
 
 
 @cache
-def contact_pair_functions(Real: type, capacity: int) -> ContactPairFunctions:
-    """CPU functions of all contacts of one variant, for rows of `capacity` values of type `Real`."""
+def contact_pair_functions(Real: type, capacity: int, silent: bool) -> ContactPairFunctions:
+    """CPU functions of all contacts of one variant, for rows of `capacity` values of type `Real`.
+
+    Only where `silent` may it have silent chains.
+    """
     kinds = types(Real)
-    Ensemble, State, Memory, Chain = kinds.Ensemble, kinds.State, kinds.Memory, kinds.Chain
+    Ensemble, State, Memory = kinds.Ensemble, kinds.State, kinds.Memory
+    Chain, Plate = kinds.Chain, kinds.Plate
     partners = partner_functions(Real)
     near_rollers = near_roller_functions(Real, capacity)
     seats = seat_functions(Real, capacity)
     teeth = tooth_functions(Real, capacity)
+    toes = toe_functions(Real, capacity)
+    toe_forces = toe_force_functions(Real, capacity)
+    toe_pairs = toe_pair_functions(Real, capacity)
     guides = guide_functions(Real, capacity)
     contact_rows = contact_row_functions(Real, capacity)
     contact_forces = contact_force_functions(Real, capacity)
@@ -43,21 +53,6 @@ def contact_pair_functions(Real: type, capacity: int) -> ContactPairFunctions:
     contact_friction = contact_friction_functions(Real, capacity)
     row = rows(capacity)
     neighbor_list = neighbor_list_functions(Real, capacity)
-
-    @wp.func
-    def find_gap_contacts(
-        w: wp.array[Real], ensemble: Ensemble, first: int, end: int, n: int, partner: partners.Partner, memory: Memory
-    ):
-        """Stores gap coordinates of rollers `first` to before `end` in a sprocket; returns the group that may touch."""
-        # in most steps no roller comes, leaves or changes its seat
-        moved, others = seats.find_gap_coordinates(w, first, end, n, partner.sprocket, partner.pose, partner.body)
-        if others != 0 or moved != wp.uint64(0):
-            group = near_rollers.near_group(w, first, end, n, partner, memory)
-            if group.high > group.low:
-                seats.update_seats(w, group, n, partner.sprocket, partner.pose, partner.body, ensemble.seats, memory)
-            return group
-        group = neighbor_list.whole_group(first, end)
-        return group
 
     @wp.func
     def find_guide_contacts(
@@ -80,7 +75,7 @@ def contact_pair_functions(Real: type, capacity: int) -> ContactPairFunctions:
         first, count = neighbor_list.run_span(w, drive, p, run)
         if p < drive.sprockets:
             partner = partners.sprocket_partner(ensemble, state, drive, p)
-            group = find_gap_contacts(w, ensemble, first, first + count, n, partner, memory)
+            group = near_rollers.find_gap_contacts(w, ensemble, first, first + count, n, partner, memory)
             teeth.find_contacts(w, group.low, group.high, partner.sprocket, partner.pose, partner.body)
             return group
         guide = partners.guide_partner(ensemble, state, drive, p - drive.sprockets)
@@ -169,8 +164,13 @@ def contact_pair_functions(Real: type, capacity: int) -> ContactPairFunctions:
             add_counts_and_sizes(w, group, on_teeth, impacts, memory.wanted, state.totals, slot)
 
     @wp.func
-    def add_contact_forces(ensemble: Ensemble, state: State, drive: Drive, w: wp.array[Real], memory: Memory):
+    def add_contact_forces(
+        ensemble: Ensemble, state: State, drive: Drive, chain: Chain, plate: Plate, w: wp.array[Real], memory: Memory
+    ):
         """Adds contact forces of all rollers and partners to rollers, `Totals` and wrenches on bodies."""
+        if wp.static(silent):
+            if drive.points > 1:
+                toes.find_link_motions(w, drive.rollers, chain)
         # one loop over all runs: with one over each partner's, rare values of a partner are laid out before its runs
         p = int(0)
         run = int(0)
@@ -180,8 +180,17 @@ def contact_pair_functions(Real: type, capacity: int) -> ContactPairFunctions:
             if run == 0:
                 state.totals[slot] = Totals()
                 memory.damper_row = contact_rows.damper_row(p)
+                if wp.static(silent):
+                    if drive.points > 1 and p >= drive.sprockets:
+                        memory.damper_row = contact_rows.damper_row(drive.sprockets * (drive.points - 1) + p)
             if run < runs:
-                add_run_forces(ensemble, state, drive, w, p, run, memory)
+                if wp.static(silent):
+                    if drive.points > 1 and p < drive.sprockets:
+                        toe_pairs.add_run_of_toes(ensemble, state, drive, plate, w, p, run, memory)
+                    else:
+                        add_run_forces(ensemble, state, drive, w, p, run, memory)
+                else:
+                    add_run_forces(ensemble, state, drive, w, p, run, memory)
                 run += 1
             if run >= runs:
                 body = partners.carrier_of_partner(ensemble, drive, p)
@@ -190,7 +199,12 @@ def contact_pair_functions(Real: type, capacity: int) -> ContactPairFunctions:
                     state.wrenches[b] = wrench_with_force(
                         state.wrenches[b], state.totals[slot].push, state.totals[slot].moment
                     )
-                memory.first = memory.first + drive.rollers
+                if wp.static(silent):
+                    memory.first = memory.first + wp.where(p < drive.sprockets, drive.points, 1) * drive.rollers
+                    if drive.points > 1 and p == drive.sprockets - 1:
+                        toe_forces.join_forces(w, drive.rollers, memory)
+                else:
+                    memory.first = memory.first + drive.rollers
                 run = 0
                 p += 1
 

@@ -25,6 +25,8 @@ class ContactRowFunctions:
     store_arm: wp.Function
     store_contact: wp.Function
     damper_row: wp.Function
+    push_row: wp.Function
+    speed_row: wp.Function
     fetch_dampers: wp.Function
     put_back_dampers: wp.Function
     is_beginning: wp.Function
@@ -77,13 +79,23 @@ def contact_row_functions(Real: type, capacity: int) -> ContactRowFunctions:
 
     @wp.func
     def damper_row(p: int):
-        """First index of the row of damper speeds of contacts with partner `p`."""
+        """First index of the row of damper speeds of contacts `p` of a pin: those with sprockets, then with guides."""
         return wp.static(len(ROWS) * capacity) + p * wp.static(capacity)
+
+    @wp.func
+    def push_row(drive: Drive, s: int):
+        """First index of the rows of what a silent chain's flank ends exerted on wheel `s` in the step before."""
+        return damper_row(drive.sprockets * drive.points + drive.guides + s * drive.points)
+
+    @wp.func
+    def speed_row(drive: Drive, s: int):
+        """First index of the rows of v0 of a silent chain's flank ends on wheel `s`."""
+        return push_row(drive, drive.sprockets + s)
 
     @wp.func
     def fetch_dampers(state: State, drive: Drive, w: wp.array[Real]):
         """Copies contacts' damper speeds from the state to their rows, at a launch's begin."""
-        for p in range(drive.sprockets + drive.guides):
+        for p in range(drive.sprockets * drive.points + drive.guides):
             first, at = damper_row(p), drive.first_contact + p * drive.rollers
             for i in range(drive.rollers):
                 access.store(w, first + i, access.load(state.damper_speed, at + i))
@@ -91,7 +103,7 @@ def contact_row_functions(Real: type, capacity: int) -> ContactRowFunctions:
     @wp.func
     def put_back_dampers(state: State, drive: Drive, w: wp.array[Real]):
         """Copies contacts' damper speeds from their rows to the state, at a launch's end."""
-        for p in range(drive.sprockets + drive.guides):
+        for p in range(drive.sprockets * drive.points + drive.guides):
             first, at = damper_row(p), drive.first_contact + p * drive.rollers
             for i in range(drive.rollers):
                 access.store(state.damper_speed, at + i, access.load(w, first + i))
@@ -117,6 +129,8 @@ def contact_row_functions(Real: type, capacity: int) -> ContactRowFunctions:
         store_arm=store_arm,
         store_contact=store_contact,
         damper_row=damper_row,
+        push_row=push_row,
+        speed_row=speed_row,
         fetch_dampers=fetch_dampers,
         put_back_dampers=put_back_dampers,
         is_beginning=is_beginning,

@@ -25,12 +25,15 @@ class ForceFunctions:
 
 
 @cache
-def force_functions(Real: type, capacity: int) -> ForceFunctions:
-    """CPU functions of one variant's forces, for rows of `capacity` values of type `Real`."""
+def force_functions(Real: type, capacity: int, silent: bool) -> ForceFunctions:
+    """CPU functions of one variant's forces, for rows of `capacity` values of type `Real`.
+
+    Only where `silent` may it have silent chains.
+    """
     kinds = types(Real)
     rollers = roller_functions(Real, capacity)
     near_rollers = near_roller_functions(Real, capacity)
-    contact_pairs = contact_pair_functions(Real, capacity)
+    contact_pairs = contact_pair_functions(Real, capacity, silent)
     row = rows(capacity)
     hubs = hub_functions(Real)
     strand_loads = strand_load_functions(Real, capacity)
@@ -70,13 +73,15 @@ def force_functions(Real: type, capacity: int) -> ForceFunctions:
         ensemble: kinds.Ensemble,
         state: kinds.State,
         drive: Drive,
+        chain: kinds.Chain,
+        plate: kinds.Plate,
         w: wp.array[Real],
         memory: kinds.Memory,
     ):
         """Adds contact forces to rollers, and sets wrenches on bodies, with those of hubs."""
         for b in range(drive.first_body, drive.first_body + drive.bodies):
             state.wrenches[b] = Wrench()
-        contact_pairs.add_contact_forces(ensemble, state, drive, w, memory)
+        contact_pairs.add_contact_forces(ensemble, state, drive, chain, plate, w, memory)
         if drive.hubs != 0:
             hubs.add_hub_reactions(ensemble, state, drive, memory.stage, wp.float64(memory.stretch_part))
 

@@ -8,6 +8,7 @@ import warp as wp
 from ..native import row_access
 from ..physics.body import pose_of
 from ..structs import GROUND, Drive, types
+from .contact_rows import contact_row_functions
 from .guides import guide_functions
 from .neighbor_list import GROUP, lowest_bit, neighbor_list_functions, without_lowest_bit
 from .partners import partner_functions
@@ -24,16 +25,18 @@ class NearRollerFunctions:
     contact_memory: wp.Function
     rebuild_neighbor_list: wp.Function
     near_group: wp.Function
+    find_gap_contacts: wp.Function
 
 
 @cache
 def near_roller_functions(Real: type, capacity: int) -> NearRollerFunctions:
     """CPU functions that find rollers near a partner, for rows of `capacity` values of type `Real`."""
     kinds = types(Real)
-    State, Memory = kinds.State, kinds.Memory
+    Ensemble, State, Memory = kinds.Ensemble, kinds.State, kinds.Memory
     partners = partner_functions(Real)
     seats = seat_functions(Real, capacity)
     guides = guide_functions(Real, capacity)
+    contact_rows = contact_row_functions(Real, capacity)
     access = row_access(Real)
     seat_access = row_access(wp.int32)
     row = rows(capacity)
@@ -79,7 +82,7 @@ def near_roller_functions(Real: type, capacity: int) -> NearRollerFunctions:
             guides.mark_over_profile(w, first, end, partner.guide, partner.pose)
 
     @wp.func
-    def forget_seats(first: int, count: int, near: wp.uint64, memory: Memory):
+    def forget_seats(w: wp.array[Real], first: int, count: int, near: wp.uint64, points: int, memory: Memory):
         """Clears seats or pieces, and contacts, of rollers no longer near; returns who had one, as bits."""
         seated = seat_access.find_unlike(memory.seat, memory.first + first, count, -1)
         left = seated & ~near
@@ -87,6 +90,9 @@ def near_roller_functions(Real: type, capacity: int) -> NearRollerFunctions:
             i = memory.first + first + lowest_bit(left)
             seat_access.store(memory.seat, i, -1)
             access.store(memory.impact_speed, i, Real(0.0))
+            if points > 1:
+                for k in range(points):
+                    access.store(w, memory.speed_row + k * wp.static(capacity) + i - memory.first, Real(0.0))
             left = without_lowest_bit(left)
         return seated
 
@@ -97,7 +103,7 @@ def near_roller_functions(Real: type, capacity: int) -> NearRollerFunctions:
         """Clears the contacts with a partner of rollers not near; returns who had a seat or piece, as bits."""
         seated = wp.uint64(0)
         if partner.teeth != 0 or partner.guide.pieces != 0:
-            seated = forget_seats(first, count, near, memory)
+            seated = forget_seats(w, first, count, near, partner.points, memory)
             if partner.teeth != 0:
                 seats.forget_directions(w, first, seated & ~near)
         elif memory.stage == 0:
@@ -113,6 +119,7 @@ def near_roller_functions(Real: type, capacity: int) -> NearRollerFunctions:
         find_poses(state, drive)
         for p in range(drive.sprockets + drive.guides):
             partner = partners.partner_at(ensemble, state, drive, p)
+            memory.speed_row = contact_rows.speed_row(drive, p)
             if partner.teeth != 0 or partner.body == GROUND:
                 mark_near(w, 0, access.round_up(n), partners.widened_partner(partner, skin))
             else:
@@ -125,7 +132,7 @@ def near_roller_functions(Real: type, capacity: int) -> NearRollerFunctions:
                     w, first, count, access.find_unlike(w, row.near + first, count, Real(0.0)), partner, memory
                 )
                 first = first + GROUP
-            memory.first = memory.first + n
+            memory.first = memory.first + n * partner.points
         neighbor_list.set_lifetime(w, drive)
 
     @wp.func
@@ -141,10 +148,26 @@ def near_roller_functions(Real: type, capacity: int) -> NearRollerFunctions:
         group = neighbor_list.whole_group(first, first)
         return group
 
+    @wp.func
+    def find_gap_contacts(
+        w: wp.array[Real], ensemble: Ensemble, first: int, end: int, n: int, partner: partners.Partner, memory: Memory
+    ):
+        """Stores gap coordinates of rollers `first` to before `end` in a sprocket; returns the group that may touch."""
+        # in most steps no roller comes, leaves or changes its seat
+        moved, others = seats.find_gap_coordinates(w, first, end, n, partner.sprocket, partner.pose, partner.body)
+        if others != 0 or moved != wp.uint64(0):
+            group = near_group(w, first, end, n, partner, memory)
+            if group.high > group.low:
+                seats.update_seats(w, group, n, partner.sprocket, partner.pose, partner.body, ensemble.seats, memory)
+            return group
+        group = neighbor_list.whole_group(first, end)
+        return group
+
     return NearRollerFunctions(
         find_poses=find_poses,
         memory_at_chain=memory_at_chain,
         contact_memory=contact_memory,
         rebuild_neighbor_list=rebuild_neighbor_list,
         near_group=near_group,
+        find_gap_contacts=find_gap_contacts,
     )

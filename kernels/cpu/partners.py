@@ -35,6 +35,7 @@ def partner_functions(Real: type) -> PartnerFunctions:
         """A sprocket, or a guide where `teeth` is 0, and the pose of its body."""
 
         teeth: wp.int32
+        points: wp.int32  # contacts of a pin with it (`structs.Drive`)
         body: wp.int32  # of the drive, or `GROUND`
         pose: Pose
         sprocket: kinds.Sprocket
@@ -45,6 +46,7 @@ def partner_functions(Real: type) -> PartnerFunctions:
         """Sprocket `s` of a drive as a contact partner, at its pose."""
         partner = Partner()
         partner.teeth = 1
+        partner.points = drive.points
         partner.body = s
         partner.pose = state.poses[drive.first_body + s]
         partner.sprocket = ensemble.sprockets[drive.first_sprocket + s]
@@ -55,6 +57,7 @@ def partner_functions(Real: type) -> PartnerFunctions:
         """Guide `g` of a drive as a contact partner, at its pose."""
         partner = Partner()
         bar = ensemble.guides[drive.first_guide + g]
+        partner.points = 1
         partner.body = bar.body
         partner.pose.cosine = wp.float64(1.0)
         if bar.body != GROUND:

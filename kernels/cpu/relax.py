@@ -15,21 +15,26 @@ from .hubs import hub_functions
 from .near_rollers import near_roller_functions
 from .neighbor_list import neighbor_list_functions
 from .rollers import roller_functions, rows
+from .toes import toe_functions
 
 
 @cache
-def relax_kernel(Real: type, capacity: int) -> wp.Kernel:
-    """CPU kernel that settles variants, for up to `capacity` - 1 rollers of a chain."""
+def relax_kernel(Real: type, capacity: int, silent: bool = False) -> wp.Kernel:
+    """CPU kernel that settles variants, for up to `capacity` - 1 rollers of a chain.
+
+    Only where `silent` may a variant have silent chains.
+    """
     kinds = types(Real)
     Ensemble, State, Chain = kinds.Ensemble, kinds.State, kinds.Chain
     rollers = roller_functions(Real, capacity)
     row = rows(capacity)
     neighbor_list = neighbor_list_functions(Real, capacity)
-    forces = force_functions(Real, capacity)
+    forces = force_functions(Real, capacity, silent)
     near_rollers = near_roller_functions(Real, capacity)
     access = row_access(Real)
     bodies = body_functions(Real)
     hubs = hub_functions(Real)
+    toes = toe_functions(Real, capacity)
 
     @wp.func
     def kinetic_energy(w: wp.array[Real], n: int, mass: Real):
@@ -102,11 +107,14 @@ def relax_kernel(Real: type, capacity: int) -> wp.Kernel:
         s = settling[variant]
         n = drive.rollers
         rollers.fetch(state, ensemble.lengths, w, drive.first_roller, n)
+        if wp.static(silent):
+            if drive.points > 1:
+                toes.fetch_pushes(state, drive, w)
         neighbor_list.reset(w, drive)
         end = wp.min(s.steps + steps, s.limit)
         while s.steps < end and s.settled == 0:
             forces.add_link_forces(ensemble, state, drive, chain, w, memory)
-            forces.add_contact_forces(ensemble, state, drive, w, memory)
+            forces.add_contact_forces(ensemble, state, drive, chain, ensemble.plates[variant], w, memory)
             restart = int(0)
             if s.steps % ENERGY_EVERY == 0:
                 beside = wp.float64(0.0)
@@ -123,7 +131,7 @@ def relax_kernel(Real: type, capacity: int) -> wp.Kernel:
         settling[variant] = s
         rollers.put_back(state, w, drive.first_roller, n)
 
-    @wp.kernel(enable_backward=False, module=own_module(__file__, "relax", Real, capacity))
+    @wp.kernel(enable_backward=False, module=own_module(__file__, "relax", Real, capacity, silent))
     def relax(
         ensemble: Ensemble, state: State, settling: wp.array[Settling], w: wp.array[Real], first: int, steps: int
     ):

@@ -92,6 +92,28 @@ class Rows:
     runs: int  # of partner i of the drive
     lifetime: int  # 0: steps for which they hold; 1: as long as none is faster [m/s]
     joint_friction: int  # tally of the powers that the roller's joints take [W]
+    toe_x: int  # of a silent chain (`toes`): force of teeth on the pin in the step before [N]
+    toe_y: int
+    pin_ax: int  # acceleration of the pin by its links, and by teeth as in the step before [m/s^2]
+    pin_ay: int
+    link_ux: int  # unit vector of link i at i + 1, like the seven that follow
+    link_uy: int
+    link_length: int  # [m]
+    link_turn: int  # angular velocity [rad/s]
+    link_angular: int  # angular acceleration [rad/s^2]
+    middle_vx: int  # velocity of the link's middle [m/s]
+    middle_vy: int
+    middle_ax: int  # acceleration of that [m/s^2]
+    middle_ay: int
+    place_x: int  # of the contact at hand from its link's middle [m]
+    place_y: int
+    more_x: int  # acceleration of its relative velocity [m/s^2]
+    more_y: int
+    point_mobility: int  # inverse mass along its normal over a roller's [-]
+    next_x: int  # force of teeth on the next pin by the link between [N]
+    next_y: int
+    last_x: int  # on the pin before
+    last_y: int
 
 
 ROWS = tuple(field.name for field in fields(Rows))

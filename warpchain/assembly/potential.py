@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from warpchain.assembly.arm_balance import RestingArm, RestingTensioner
 from warpchain.assembly.guide_obstacles import profile_at, rotated_place
+from warpchain.assembly.toe_energy import Wheel
 from warpchain.drive.body_ties import first_coupling_ratio, nearest_sprocket
 from warpchain.drive.face_profile import unit_vector
 from warpchain.drive.sprocket import ElasticMount, PrescribedMount, SliderMount
@@ -355,6 +356,9 @@ class Potential:
 
     def _add_teeth(self, x: Array, s: int, terms: EnergyTerms) -> None:
         """Adds the energy of rollers on the teeth of sprocket s."""
+        if self.model.chain.is_silent:
+            self._add_toes(x, s, terms)
+            return
         r, centers, angles = self.split(x)
         tooth, radius, stiffness = self.teeth[s], float(self.radius[s]), self.softness * self.tooth_stiffness[s]
         rho = r - centers[s]
@@ -381,6 +385,25 @@ class Potential:
         angle_at = np.full(len(near), base + 2 * self.sprockets + s)
         at = np.stack([2 * near, 2 * near + 1, center, center + 1, angle_at], axis=1)
         terms.add_contacts(at, -force[:, None] * normal, block, rho)
+
+    def _add_toes(self, x: Array, s: int, terms: EnergyTerms) -> None:
+        """Adds the energy of toes on the teeth of sprocket s."""
+        r, centers, angles = self.split(x)
+        stiffness, exponent = 0.5 * self.softness * self.tooth_stiffness[s], self.model.contact.sprocket.exponent
+        wheel = Wheel(self.model, s, stiffness, exponent)
+        near, base = wheel.near_pins(r - centers[s]), 2 * self.rollers
+        for number in range(4):
+            far = (near + (1 if number < 2 else -1)) % self.rollers
+            one = np.ones(len(near), dtype=np.int64)
+            center, turn = (base + 2 * s) * one, (base + 2 * self.sprockets + s) * one
+            at = np.stack([2 * near, 2 * near + 1, 2 * far, 2 * far + 1, center, center + 1, turn], axis=1)
+            values = np.column_stack([r[near], r[far], np.outer(one, centers[s]), angles[s] * one])
+            energy, slope = wheel.energy(values, number)
+            hit = energy > 0.0
+            if hit.any():
+                terms.energy += float(energy.sum())
+                np.add.at(terms.gradient, at[hit], slope[hit])
+                terms.add_blocks(at[hit], wheel.hessian(values[hit], number))
 
     def _tooth_penetration(self, xi: Array, eta: Array, s: int, distance: Array) -> tuple[Array, Array, Array, Array]:
         """Tooth penetration [m], its normal (outward, counter-clockwise) and curvature [1/m]."""

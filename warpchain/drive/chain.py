@@ -4,12 +4,23 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Mapping
-from typing import TYPE_CHECKING, Annotated, Any, ClassVar
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
 
 from pydantic import AfterValidator, Field, WithJsonSchema
 from pydantic_core import PydanticCustomError
 
 from warpchain.drive.catalogue import CHAINS, INNER_WIDTHS
+from warpchain.drive.plate import (
+    BACK_HEIGHT,
+    FLANK_ANGLE,
+    FLANK_DISTANCE,
+    PLATE_KEYS,
+    TIP_RADIUS,
+    TOE_DEPTHS,
+    Plate,
+    plate_problems,
+)
+from warpchain.drive.quantities import converted_number
 from warpchain.drive.schema import (
     BARE,
     WRONG,
@@ -19,6 +30,7 @@ from warpchain.drive.schema import (
     NonNegative,
     Part,
     Positive,
+    PositivePair,
     Problem,
     Value,
     allowed_text,
@@ -29,7 +41,7 @@ from warpchain.drive.schema import (
     node_list,
     node_value,
 )
-from warpchain.drive.stack_math import has_arrays, is_true_somewhere, sqrt, where, with_last_axis
+from warpchain.drive.stack_math import has_arrays, is_true_somewhere, radians, sqrt, where, with_last_axis
 
 if TYPE_CHECKING:
     import numpy as np
@@ -41,6 +53,9 @@ Every = Annotated[int, Field(strict=True, ge=1), Value("must be an integer of at
 Ends = Annotated[tuple[Name, Name], Allowed("must be a list of the names of two sprockets without teeth")]
 Between = Annotated[tuple[Name, Name], Allowed("must be a list of the names of two sprockets, one after the other")]
 Elongation = Annotated[float, Field(strict=True, ge=-0.05, le=0.1), Value("must be a number from -0.05 to 0.1")]
+
+Kind = Annotated[Literal["roller", "silent"], Value('must be "roller" or "silent"')]
+FlankAngle = Annotated[float, Field(strict=True, ge=20, le=45), Value("must be a number of degrees from 20 to 45")]
 
 MOST_LINKS = 1_000_000
 """Most links of a chain."""
@@ -71,6 +86,35 @@ Stiffness = Annotated[
     WithJsonSchema({"anyOf": [{"type": "number", "exclusiveMinimum": 0}, {"const": ESTIMATE}]}),
     Value('must be a positive number, or "estimate" together with a size'),
 ]
+
+
+def _with_back_as_radius(values: Mapping[str, Any]) -> Mapping[str, Any]:
+    """Values of a silent chain, which touches guides as rollers of its back's height would."""
+    back: Any = values.get("back_height")
+    if back is None:
+        own = values.get("pitch")
+        pitch: Any = converted_number(own, "m") if isinstance(own, str) else own
+        back = BACK_HEIGHT * pitch if are_numbers(pitch) else None
+    return values if back is None or values.get("roller_radius") is not None else {**values, "roller_radius": back}
+
+
+def chain_plate(chain: Any) -> Plate:
+    """Plate of a silent chain, or of the values of one."""
+
+    def value(key: str, part: float) -> Any:
+        """A length [m], or `part` of the pitch where there is none."""
+        own = node_value(chain, key)
+        return part * node_value(chain, "pitch") if own is None else own
+
+    angle, depths = node_value(chain, "flank_angle"), node_value(chain, "toe_depths")
+    return Plate(
+        pitch=node_value(chain, "pitch"),
+        flank_angle=radians(FLANK_ANGLE if angle is None else angle),
+        flank_distance=value("flank_distance", FLANK_DISTANCE),
+        back_height=value("back_height", BACK_HEIGHT),
+        toe_depths=tuple(depths or (part * node_value(chain, "pitch") for part in TOE_DEPTHS)),
+        tip_radius=value("tip_radius", TIP_RADIUS),
+    )
 
 
 class WornLink(Part):
@@ -186,7 +230,8 @@ class Chain(Part):
     """A chain: links between rollers that are point masses, eq. (1)-(3).
 
     Attributes:
-        size: size of the catalogue, which fills pitch, roller_radius and mass.
+        size: size of the catalogue, which fills pitch, roller_radius and mass, of a silent chain its kind.
+        kind: "roller", or "silent" for plates whose toes press wheel teeth.
         pitch: unloaded length of a link [m].
         links: number of links, and of a loop's rollers.
         ends: names of the two sprockets without teeth that hold an open chain; None is a loop.
@@ -203,9 +248,15 @@ class Chain(Part):
         play: way that a link moves out or in before its spring acts, s [m]; None is 0.
         attachments: masses on links.
         load: goods on a strand; None is none.
+        flank_angle: angle of a toe's flank to its link's normal [degrees]; None is 30.
+        flank_distance: distance of a flank's line from its pin's axis [m]; None is 0.375 p.
+        back_height: height of the back above the line of the pins [m]; None is 0.4 p.
+        toe_depths: depths below that line where a flank begins and ends [m]; None is 0.2 p, 0.5 p.
+        tip_radius: rounding of a flank's ends [m]; None is 0.05 p.
     """
 
     size: Size | None = None
+    kind: Kind = "roller"
     pitch: Positive
     links: Links
     ends: Ends | None = None
@@ -222,6 +273,11 @@ class Chain(Part):
     play: NonNegative | None = None
     attachments: Annotated[tuple[Attachment, ...], Allowed("must be a list of tables { mass, every, first }")] = ()
     load: Annotated[StrandLoad | None, Allowed("must be a table { load_per_length, between }")] = None
+    flank_angle: FlankAngle | None = None
+    flank_distance: Positive | None = None
+    back_height: Positive | None = None
+    toe_depths: PositivePair | None = None
+    tip_radius: Positive | None = None
 
     _replaces: ClassVar[Mapping[str, tuple[str, ...]]] = {
         "size": ("pitch", "roller_radius", "roller_mass", "mass_per_length", "stiffness"),
@@ -233,13 +289,23 @@ class Chain(Part):
     _filled: ClassVar[tuple[str, ...]] = ("pitch", "roller_radius")
     """Keys of a chain that a size fills."""
     _judged: ClassVar[frozenset[str]] = frozenset(
-        {"links", "pitch", "roller_radius", "play", "worn_links", "attachments"}
+        {"links", "pitch", "roller_radius", "play", "worn_links", "attachments", *PLATE_KEYS}
     )
 
     @property
     def is_open(self) -> bool:
         """Whether the chain has ends, between which a link is absent."""
         return self.ends is not None
+
+    @property
+    def is_silent(self) -> bool:
+        """Whether plates press wheel teeth, in place of rollers."""
+        return self.kind == "silent"
+
+    @property
+    def plate(self) -> Plate:
+        """Plate of a silent chain."""
+        return chain_plate(self)
 
     @property
     def rollers(self) -> int:
@@ -410,6 +476,8 @@ class Chain(Part):
     def _complete_values(cls, values: Any) -> Any:
         """A chain's values with those that the size fills."""
         size = node_value(values, "size")
+        if isinstance(values, Mapping) and node_value(values, "kind") == "silent":
+            values = _with_back_as_radius(values)
         if not isinstance(values, Mapping) or not isinstance(size, str):
             return values
         if size not in CHAINS:  # which its own rule says; the stiffness that asks for its estimate is right
@@ -463,8 +531,33 @@ class Chain(Part):
             if are_numbers(first, links) and first >= links:
                 yield Problem(("attachments", i, "first"), first, f"must be below the number of links, {links}")
         yield from exactly_one_rule(node, "damping", "damping_ratio", "must be a number of at least 0")
-        if are_numbers(radius, pitch) and radius >= pitch / 2 > 0:
+        yield from _plate_rules(node)
+        if are_numbers(radius, pitch) and radius >= pitch / 2 > 0 and node_value(node, "kind") != "silent":
             yield Problem(("roller_radius",), radius, f"must be below half the pitch, {pitch / 2:g}")
+
+
+def _plate_rules(node: Any) -> Iterable[Problem]:
+    """Problems of a chain's plates, or of keys that chains of its kind lack."""
+    pitch, radius = node_value(node, "pitch"), node_value(node, "roller_radius")
+    if node_value(node, "kind") != "silent":
+        for key in PLATE_KEYS:
+            if (value := node_value(node, key)) is not None:
+                yield Problem((key,), value if are_numbers(value) else None, 'only together with kind = "silent"',
+                              WRONG if are_numbers(value) else BARE)  # fmt: skip
+        return
+    for key in ("attachments", "load", "ends"):
+        if node_value(node, key):
+            yield Problem((key,), None, 'not together with kind = "silent"', BARE)
+    given = [value for key in PLATE_KEYS if (value := node_value(node, key)) is not None]
+    if not are_numbers(
+        pitch, *(x for value in given for x in (value if isinstance(value, (list, tuple)) else [value]))
+    ):
+        return
+    plate = chain_plate(node)
+    if are_numbers(radius) and radius != plate.back_height:
+        yield Problem(("roller_radius",), radius, 'not together with kind = "silent"; give back_height')
+    for key, value, text in plate_problems(plate):
+        yield Problem((key,), value, text)
 
 
 class NamedChain(Chain):

@@ -6,6 +6,7 @@ import math
 
 from warpchain.drive.chain import Chain
 from warpchain.drive.contact_settings import SprocketContact
+from warpchain.drive.plate import wheel_tooth
 from warpchain.drive.sprocket import Sprocket
 from warpchain.drive.stack_math import radians
 from warpchain.drive.tooth_shape import Tooth, default_seat_angle, iso606_tooth, releasing_seat_angle
@@ -29,9 +30,11 @@ def pitch_radius(sprocket: Sprocket, chain: Chain) -> float:
 
 
 def sprocket_tooth(sprocket: Sprocket, chain: Chain, contact: SprocketContact) -> Tooth:
-    """Tooth gap of a sprocket: its own, the contact's, or ISO 606's; of an end, a hole as wide as a roller."""
+    """Tooth gap of a sprocket: its own, the contact's, ISO 606's, a silent chain's; of an end, a hole for a roller."""
     if sprocket.is_end:
         return Tooth(chain.roller_radius, 2.0 * math.pi, math.inf, END_REACH)
+    if chain.is_silent:
+        return wheel_tooth(chain.plate, sprocket.teeth, tooth_pitch(sprocket, chain))
     own = sprocket.tooth
     if own is not None:
         flank = math.inf if own.flank_radius is None else own.flank_radius
@@ -52,5 +55,5 @@ def sprocket_tooth(sprocket: Sprocket, chain: Chain, contact: SprocketContact) -
 
 def is_catching(sprocket: Sprocket, chain: Chain, tooth: Tooth) -> bool:
     """Whether a sprocket's straight flanks catch a strand's rollers."""
-    straight = not sprocket.is_end and math.isinf(tooth.flank_radius)
+    straight = not sprocket.is_end and not chain.is_silent and math.isinf(tooth.flank_radius)
     return straight and bool(tooth.seat_angle > releasing_seat_angle(pitch_radius(sprocket, chain), chain.pitch))

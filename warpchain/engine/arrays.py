@@ -48,7 +48,13 @@ DIMENSIONS = {
     "coupling": Dimension(lambda drives: drives["couplings"], "first_coupling"),
     "valve": Dimension(lambda drives: drives["valves"], "first_valve"),
     "partner": Dimension(lambda drives: drives["sprockets"] + drives["guides"]),
-    "contact": Dimension(lambda drives: drives["rollers"] * (drives["sprockets"] + drives["guides"]), "first_contact"),
+    "contact": Dimension(
+        lambda drives: drives["rollers"] * (drives["sprockets"] * drives["points"] + drives["guides"]), "first_contact"
+    ),
+    "push": Dimension(
+        lambda drives: (drives["points"] > 1) * drives["rollers"] * (drives["sprockets"] * drives["points"] + 2),
+        "first_push",
+    ),
     "tally": Dimension(lambda drives: drives["rollers"] * (drives["sprockets"] + 1), "first_tally"),
     "histogram": Dimension(lambda drives: drives["sprockets"] + 1),
 }
@@ -106,6 +112,7 @@ ARRAYS = {
     "ensemble": {
         "drives": ArrayRow("variant", packed_name="drives"),
         "chains": ArrayRow("variant", packed_name="chains"),
+        "plates": ArrayRow("variant", packed_name="plates"),
         "lengths": ArrayRow("roller", packed_name="lengths", values_for_device=padded_lengths),
         "sprockets": ArrayRow("sprocket", packed_name="sprockets"),
         "tooth_friction": ArrayRow("sprocket", packed_name="tooth_friction"),
@@ -139,6 +146,7 @@ ARRAYS = {
         "impact_speed": ArrayRow("contact", in_checkpoints=True),
         "contact_hold": ArrayRow("contact", in_checkpoints=True),
         "damper_speed": ArrayRow("contact", in_checkpoints=True),
+        "push": ArrayRow("push", in_checkpoints=True),
         "joint_hold": ArrayRow("roller", in_checkpoints=True),
         "hub_hold": ArrayRow("sprocket", in_checkpoints=True),
         "totals": ArrayRow("partner", in_checkpoints=True),

@@ -19,6 +19,7 @@ from warpchain.assembly import Assembly
 from warpchain.drive.stack_math import power
 from warpchain.engine.body_struct_rows import squared_levers
 from warpchain.engine.packed_ensemble import PackedEnsemble
+from warpchain.kernels.physics.toe import LINK_ANSWER
 from warpchain.model import ChainModel
 from warpchain.model.mounts import is_on_springs, moving_mass
 from warpchain.model.trains import is_free_body, train_inertia, train_of_body
@@ -38,7 +39,8 @@ def fill_contact_mobility(
             answer = answer + seated[s] / moving_mass(sprocket)
         if (arm := model.carrier(s)) is not None:
             answer = answer + arms[arm]
-        packed.sprockets["law"]["answer"][packed.drives["first_sprocket"][rows] + s] = double * answer
+        beside = LINK_ANSWER if model.chain.is_silent else 0.0
+        packed.sprockets["law"]["answer"][packed.drives["first_sprocket"][rows] + s] = double * answer + beside
     for g in range(len(model.guides)):
         if (arm := model.arm_of(g)) is not None:
             packed.guides["law"]["answer"][packed.drives["first_guide"][rows] + g] = double * arms[arm]

@@ -28,9 +28,10 @@ SPARE_VALUES = 32
 def cpu_kernel(name: str, packed: PackedEnsemble, precision: str) -> Any:
     """CPU kernel "advance" or "relax", not loaded yet."""
     form = real_type(precision), _row_capacity(packed)
+    silent = bool(packed.drives["points"].max() > 1)
     if name == "relax":
-        return relax_kernel(*form)
-    return advance_kernel(*form, packed.frame, several=bool(packed.drives["chains"].max() > 1))
+        return relax_kernel(*form, silent=silent)
+    return advance_kernel(*form, packed.frame, several=bool(packed.drives["chains"].max() > 1), silent=silent)
 
 
 class CpuEngine(Engine):
@@ -44,8 +45,7 @@ class CpuEngine(Engine):
         self._kernels: dict[str, Any] = {}
         self._pool = ThreadPoolExecutor(workers, thread_name_prefix="warpchain")
         self._scratch: queue.SimpleQueue[wp.array] = queue.SimpleQueue()
-        partners = int((packed.drives["sprockets"] + packed.drives["guides"]).max())
-        shape = (int(packed.drives["chains"].max()), (SCRATCH_ROWS + partners) * self.capacity)
+        shape = (int(packed.drives["chains"].max()), (SCRATCH_ROWS + _contact_rows(packed)) * self.capacity)
         for _ in range(workers):
             self._scratch.put(wp.zeros(shape, dtype=packed.real, device="cpu"))
         self.ensemble = upload_ensemble(packed, "cpu")
@@ -184,6 +184,13 @@ class CpuEngine(Engine):
 
     def close(self) -> None:
         self._pool.shutdown(wait=True, cancel_futures=True)
+
+
+def _contact_rows(packed: PackedEnsemble) -> int:
+    """Most scratch rows of a chain's contacts: their dampers', of a silent chain also v0 and forces."""
+    drives = packed.drives
+    points = np.where(drives["points"] > 1, 3 * drives["points"], 1)
+    return int((drives["sprockets"] * points + drives["guides"]).max())
 
 
 def _row_capacity(packed: PackedEnsemble) -> int:

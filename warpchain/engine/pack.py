@@ -49,6 +49,7 @@ from warpchain.engine.struct_rows import (
     fill_hub_row,
     fill_motion_row,
     fill_mount_row,
+    fill_plate_row,
     fill_sprocket_row,
     fill_straight_face,
     fill_strand_row,
@@ -59,6 +60,7 @@ from warpchain.kernels.native import STATE_ROWS
 from warpchain.kernels.physics.friction import DAMPER, SPRING
 from warpchain.kernels.physics.mount import CARRIED
 from warpchain.kernels.physics.tensioner import LEAST_OIL_SHARE
+from warpchain.kernels.physics.toe import ENDS
 from warpchain.model import ChainModel, single_chain
 from warpchain.model.friction_coefficients import guide_friction_coefficients, tooth_friction_coefficients
 from warpchain.model.oil import EXPONENT
@@ -171,7 +173,9 @@ def _pack_stack(packed: PackedEnsemble, part: Stack[ChainModel], assembly: Assem
     at = {kind.first: packed.drives[kind.first][v].astype(np.int64) for kind in DIMENSIONS.values() if kind.first}
     packed.drives["tension_scale"][v] = tension_scale(model, assembly)
     _fill_rows(packed.chains, v, fill_chain_row, model, assembly)
-    links = model.chain.rollers
+    if model.chain.is_silent:
+        _fill_rows(packed.plates, v, fill_plate_row, model)
+    links, points = model.chain.rollers, int(ENDS) if model.chain.is_silent else 1
     scatter_values(packed.relative_mass, at["first_roller"], model.chain.relative_masses)
     scatter_values(packed.lengths, at["first_roller"], model.chain.link_lengths)
     packed.chains["length"][v] = packed.lengths[at["first_roller"]]
@@ -180,7 +184,7 @@ def _pack_stack(packed: PackedEnsemble, part: Stack[ChainModel], assembly: Assem
     for s in range(len(model.sprockets)):
         _pack_sprocket(packed, model, s, at, assembly, gathered)
         held = np.where(assembly.seat_sprocket == s, assembly.seat_index, -1)
-        scatter_values(packed.seat, at["first_contact"] + s * links, held)
+        scatter_values(packed.seat, at["first_contact"] + s * points * links, held)
     _pack_guides(packed, model, at)
     for a in range(len(model.arms)):
         body = at["first_body"] + model.first_arm_body + a

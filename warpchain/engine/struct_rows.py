@@ -18,6 +18,7 @@ from warpchain.drive import ArmMount, ElasticMount, Harmonic, ImpactLaw, Prescri
 from warpchain.drive.body_ties import part_of_body
 from warpchain.drive.laws import LAWS
 from warpchain.drive.motion_table import Table
+from warpchain.drive.plate import tooth_corner
 from warpchain.drive.stack_math import array_of_columns, maximum, power, with_last_axis
 from warpchain.drive.stiffness import contact_damping
 from warpchain.engine.body_struct_rows import fill_place_tables, fill_train_counts, piece_count
@@ -25,6 +26,7 @@ from warpchain.engine.own_laws import form_of_law
 from warpchain.kernels.integrate import INTEGRATORS
 from warpchain.kernels.physics.impact import FORCES
 from warpchain.kernels.physics.mount import CARRIED, FREE, PRESCRIBED
+from warpchain.kernels.physics.toe import ENDS
 from warpchain.kernels.structs import GROUND
 from warpchain.model import ChainModel
 from warpchain.model.friction_coefficients import FrictionCoefficients, friction_coefficients
@@ -114,6 +116,31 @@ def fill_sprocket_row(row: Any, model: ChainModel, s: int, seats: RowList) -> No
         _fill_end(row, model, s)
     else:
         fill_law_row(row["law"], model.contact.sprocket, model.sprocket_stiffness(s), model.chain.mass)
+    if model.chain.is_silent:
+        _fill_wheel(row, model, s)
+
+
+def _fill_wheel(row: Any, model: ChainModel, s: int) -> None:
+    """Fills what is other in the `structs.Sprocket` of a silent chain: flanks for toes, contacts half as stiff."""
+    plate, tooth, pitch, radius = model.chain.plate, model.tooth(s), model.sprocket_pitch(s), model.pitch_radius(s)
+    row["law"]["ahead"] = CONTACT_MARGIN * plate.tip_radius
+    row["law"]["stiffness"] *= 0.5
+    row["law"]["damping"] *= 0.5 if LAWS[model.contact.sprocket.law].viscous else 1.0
+    row["clearance"] = plate.flank_distance - plate.tip_radius
+    row["tip_reach"] = tooth.tip_radius + plate.tip_radius
+    row["corner"] = tooth_corner(plate, model.sprockets[s].teeth, pitch)
+    row["far_square"] = power(maximum(tooth.tip_radius + plate.reach, radius + 0.5 * pitch), 2)
+
+
+def fill_plate_row(row: Any, model: ChainModel) -> None:
+    """Fills the `structs.Plate` of a silent chain."""
+    plate, (first, *_) = model.chain.plate, model.sprockets
+    for name, number in (("begin", 0), ("tip", 1)):
+        x, y = plate.flank_end(number)
+        row[name] = array_of_columns((x - 0.5 * plate.pitch, y))
+    row["radius"] = plate.tip_radius
+    row["cos_flank"], row["sin_flank"] = np.cos(plate.flank_angle), np.sin(plate.flank_angle)
+    row["side"] = first.sign
 
 
 def _fill_end(row: Any, model: ChainModel, s: int) -> None:
@@ -254,6 +281,7 @@ def fill_strand_row(row: Any, assembly: Assembly, model: ChainModel, s: int) -> 
 def fill_drive_row(row: Any, model: ChainModel, assembly: Assembly) -> None:
     """Fills a `structs.Drive`: counts, integrator, and the box of motion."""
     row["chains"] = 1
+    row["points"] = int(ENDS) if model.chain.is_silent else 1
     row["rollers"], row["sprockets"], row["guides"] = model.chain.rollers, len(model.sprockets), len(model.guides)
     row["bodies"], row["arms"] = len(model.sprockets) + len(model.shafts) + len(model.arms), len(model.arms)
     fill_train_counts(row, model)

@@ -141,7 +141,8 @@ class ChainModel:
         """Height over a sprocket's pitch circle within which it keeps rollers [m]: half a pitch, or to the tips."""
         if self.sprockets[s].is_end:
             return 0.0
-        reach = self.tip_radius(s) + self.chain.roller_radius - self.pitch_radius(s)
+        size = self.chain.plate.reach if self.chain.is_silent else self.chain.roller_radius
+        reach = self.tip_radius(s) + size - self.pitch_radius(s)
         return maximum(0.5 * self.chain.pitch, reach)
 
     def catching_sprockets(self) -> tuple[int, ...]:
@@ -271,13 +272,20 @@ class ChainModel:
     def sprocket_stiffness(self, s: int) -> float:
         """Generalized stiffness of a sprocket's contact [N/m^n], eq. (20), bush and pin in series; of an end, a link's.
 
+        A flank on a tooth is taken for a cylinder as large as the flank is long.
+
         Raises:
             DriveError: reference load beyond validity.
         """
         if self.sprockets[s].is_end:
             return self.chain.mean_stiffness
-        law, radius = self.contact.sprocket, self.chain.roller_radius
-        tooth = contact_stiffness(law, radius, self.tooth(s).seat_radius, "contact.sprocket")
+        law, chain = self.contact.sprocket, self.chain
+        radii = (
+            (chain.plate.flank_length, math.inf)
+            if chain.is_silent
+            else (chain.roller_radius, self.tooth(s).seat_radius)
+        )
+        tooth = contact_stiffness(law, *radii, "contact.sprocket")
         return tooth if law.bush_stiffness is None else 1.0 / (1.0 / tooth + 1.0 / law.bush_stiffness)
 
     def guide_stiffness(self, g: int) -> float:

@@ -1,0 +1,109 @@
+"""Contacts of a silent chain's links with one wheel, run by run of its pins."""
+
+from dataclasses import dataclass
+from functools import cache
+
+import warp as wp
+
+from ..physics.toe import ENDS
+from ..structs import Drive, Totals, types
+from .contact_friction import contact_friction_functions
+from .contact_rows import contact_row_functions
+from .contact_sums import contact_sum_functions
+from .near_rollers import near_roller_functions
+from .neighbor_list import Group, neighbor_list_functions
+from .partners import partner_functions
+from .rollers import rows
+from .teeth import tooth_functions
+from .toe_forces import toe_force_functions
+from .toes import toe_functions
+
+
+@dataclass(frozen=True)
+class ToePairFunctions:
+    """CPU functions of a silent chain's contacts with one wheel."""
+
+    add_run_of_toes: wp.Function
+
+
+@cache
+def toe_pair_functions(Real: type, capacity: int) -> ToePairFunctions:
+    """CPU functions of a silent chain's contacts with one wheel, for rows of `capacity` values of type `Real`."""
+    kinds = types(Real)
+    Ensemble, State, Memory, Plate = kinds.Ensemble, kinds.State, kinds.Memory, kinds.Plate
+    partners = partner_functions(Real)
+    near_rollers = near_roller_functions(Real, capacity)
+    teeth = tooth_functions(Real, capacity)
+    toes = toe_functions(Real, capacity)
+    toe_forces = toe_force_functions(Real, capacity)
+    contact_rows = contact_row_functions(Real, capacity)
+    contact_sums = contact_sum_functions(Real, capacity)
+    contact_friction = contact_friction_functions(Real, capacity)
+    row = rows(capacity)
+    neighbor_list = neighbor_list_functions(Real, capacity)
+
+    @wp.func
+    def add_toe_forces(
+        w: wp.array[Real],
+        group: Group,
+        after: bool,
+        law: kinds.ContactLaw,
+        friction: kinds.Friction,
+        memory: Memory,
+        totals: wp.array[Totals],
+        slot: int,
+    ):
+        """Adds the forces of one flank end at a group's pins to pins and `totals[slot]`."""
+        measured = memory.wanted.measures != 0
+        toe_forces.find_normal_forces(w, group, law, memory)
+        if friction.inertia > Real(0.0):
+            contact_friction.add_friction_forces(w, group, friction, memory)
+        toe_forces.add_forces(w, group, after, memory)
+        if measured:
+            began = toe_forces.find_powers(w, group, law, friction.inertia > Real(0.0), memory)
+            contact_sums.add_measured_totals(w, group, law, friction, memory.wanted, totals, slot)
+            if began != 0:
+                totals[slot].impacts += contact_sums.count_beginning(w, group)
+                totals[slot].contacts += teeth.count_first_contacts(w, group)
+        else:
+            contact_sums.add_totals(w, group, totals, slot, False, False)
+        if memory.wanted.sizes != 0:
+            contact_rows.add_force_sizes(w, group, row.sprocket_force)
+
+    @wp.func(inline=False)
+    def add_run_of_toes(
+        ensemble: Ensemble,
+        state: State,
+        drive: Drive,
+        plate: Plate,
+        w: wp.array[Real],
+        p: int,
+        run: int,
+        memory: Memory,
+    ):
+        """Adds the forces of wheel `p` on the links of one run of pins, to pins and totals."""
+        n = drive.rollers
+        first, count = neighbor_list.run_span(w, drive, p, run)
+        partner = partners.sprocket_partner(ensemble, state, drive, p)
+        memory.speed_row = contact_rows.speed_row(drive, p)
+        group = near_rollers.find_gap_contacts(w, ensemble, first, first + count, n, partner, memory)
+        if group.high > group.low:
+            slot = drive.first_sprocket + drive.first_guide + p
+            law = partners.law_of_partner(ensemble, drive, p)
+            friction = partners.friction_of_partner(ensemble, drive, p)
+            pose = state.poses[drive.first_body + p]
+            memory.straight = kinds.vec2(Real(pose.straight[0]), Real(pose.straight[1]))
+            memory.angular = Real(pose.angular)
+            memory.damper_row = contact_rows.damper_row(p * ENDS)
+            memory.push_row = contact_rows.push_row(drive, p)
+            end = int(0)
+            while end < ENDS:
+                toes.find_contacts(w, group, end, plate, partner.sprocket, partner.pose, partner.body, memory)
+                add_toe_forces(w, group, end < 2, law, friction, memory, state.totals, slot)
+                memory.first = memory.first + n
+                memory.damper_row = memory.damper_row + wp.static(capacity)
+                memory.push_row = memory.push_row + wp.static(capacity)
+                memory.speed_row = memory.speed_row + wp.static(capacity)
+                end = end + 1
+
+    return ToePairFunctions(add_run_of_toes=add_run_of_toes)

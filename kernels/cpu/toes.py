@@ -1,0 +1,172 @@
+"""Contacts of a silent chain's toes with the teeth of one wheel, for the pins that have seats there (`physics.toe`).
+
+A pin has four contacts, with the flank ends of its two links.
+"""
+
+from dataclasses import dataclass
+from functools import cache
+
+import warp as wp
+
+from ..native import products, row_access
+from ..physics.contact import AWAY, memory_after_teeth, relative_acceleration, surface_velocity
+from ..physics.toe import ENDS, point_mobility, toe_contact
+from ..structs import Drive, Pose, types
+from .contact_rows import contact_row_functions
+from .neighbor_list import Group
+from .rollers import roller_functions, rows
+
+
+@dataclass(frozen=True)
+class ToeFunctions:
+    """CPU functions of toes' contacts with one wheel."""
+
+    fetch_pushes: wp.Function
+    put_back_pushes: wp.Function
+    find_link_motions: wp.Function
+    find_contacts: wp.Function
+
+
+@cache
+def toe_functions(Real: type, capacity: int) -> ToeFunctions:
+    """CPU functions of contacts with wheel teeth, for rows of `capacity` values of type `Real`."""
+    kinds = types(Real)
+    Chain, Memory, Plate, Sprocket, State = kinds.Chain, kinds.Memory, kinds.Plate, kinds.Sprocket, kinds.State
+    vec2 = kinds.vec2
+    row = rows(capacity)
+    rollers = roller_functions(Real, capacity)
+    contact_rows = contact_row_functions(Real, capacity)
+    access = row_access(Real)
+
+    @wp.func
+    def fetch_pushes(state: State, drive: Drive, w: wp.array[Real]):
+        """Copies v0 and forces of the step before from the state to their rows, at a launch's begin."""
+        n = drive.rollers
+        for p in range(drive.sprockets * ENDS):
+            push, speed = p * wp.static(capacity), p * wp.static(capacity)
+            push, speed = push + contact_rows.push_row(drive, 0), speed + contact_rows.speed_row(drive, 0)
+            for i in range(n):
+                access.store(w, push + i, access.load(state.push, drive.first_push + p * n + i))
+                access.store(w, speed + i, access.load(state.impact_speed, drive.first_contact + p * n + i))
+        at = drive.first_push + drive.sprockets * ENDS * n
+        for i in range(n):
+            access.store(w, row.toe_x + i, access.load(state.push, at + i))
+            access.store(w, row.toe_y + i, access.load(state.push, at + n + i))
+
+    @wp.func
+    def put_back_pushes(state: State, drive: Drive, w: wp.array[Real]):
+        """Copies v0 and forces of the step before from their rows to the state, at a launch's end."""
+        n = drive.rollers
+        for p in range(drive.sprockets * ENDS):
+            push, speed = p * wp.static(capacity), p * wp.static(capacity)
+            push, speed = push + contact_rows.push_row(drive, 0), speed + contact_rows.speed_row(drive, 0)
+            for i in range(n):
+                access.store(state.push, drive.first_push + p * n + i, access.load(w, push + i))
+                access.store(state.impact_speed, drive.first_contact + p * n + i, access.load(w, speed + i))
+        at = drive.first_push + drive.sprockets * ENDS * n
+        for i in range(n):
+            access.store(state.push, at + i, access.load(w, row.toe_x + i))
+            access.store(state.push, at + n + i, access.load(w, row.toe_y + i))
+
+    @wp.func
+    def link_acceleration(w: wp.array[Real], i: int, chain: Chain):
+        """Acceleration [m/s^2] of pin `i` by its links now, and by the teeth as in the step before."""
+        a = rollers.acceleration(w, i, chain.inverse_mass, chain.gravity)
+        own = chain.inverse_mass * access.load(w, row.mobility + i)
+        return vec2(a[0] + own * access.load(w, row.toe_x + i), a[1] + own * access.load(w, row.toe_y + i))
+
+    @wp.func
+    def find_link_motions(w: wp.array[Real], n: int, chain: Chain):
+        """Stores each link's direction, length and motion, link i's at i + 1; clears forces on far pins."""
+        i = int(0)
+        while i < n:
+            a = link_acceleration(w, i, chain)
+            access.store(w, row.pin_ax + i, a[0])
+            access.store(w, row.pin_ay + i, a[1])
+            access.store(w, row.last_x + i, Real(0.0))
+            access.store(w, row.last_y + i, Real(0.0))
+            access.store(w, row.next_x + i, Real(0.0))
+            access.store(w, row.next_y + i, Real(0.0))
+            i = i + 1
+        access.store(w, row.pin_ax + n, access.load(w, row.pin_ax))
+        access.store(w, row.pin_ay + n, access.load(w, row.pin_ay))
+        i = int(0)
+        while i < n:
+            d, v = rollers.link_vector(w, i), rollers.link_velocity(w, i)
+            ax = access.load(w, row.pin_ax + i + 1) - access.load(w, row.pin_ax + i)
+            ay = access.load(w, row.pin_ay + i + 1) - access.load(w, row.pin_ay + i)
+            length = wp.sqrt(d[0] * d[0] + d[1] * d[1])
+            inverse = Real(1.0) / length
+            ux, uy = inverse * d[0], inverse * d[1]
+            access.store(w, row.link_ux + i + 1, ux)
+            access.store(w, row.link_uy + i + 1, uy)
+            access.store(w, row.link_length + i + 1, length)
+            access.store(w, row.link_turn + i + 1, inverse * products(ux, v[1], -uy, v[0]))
+            access.store(w, row.link_angular + i + 1, inverse * products(ux, ay, -uy, ax))
+            access.store(w, row.middle_vx + i + 1, access.load(w, row.vx + i) + Real(0.5) * v[0])
+            access.store(w, row.middle_vy + i + 1, access.load(w, row.vy + i) + Real(0.5) * v[1])
+            access.store(w, row.middle_ax + i + 1, access.load(w, row.pin_ax + i) + Real(0.5) * ax)
+            access.store(w, row.middle_ay + i + 1, access.load(w, row.pin_ay + i) + Real(0.5) * ay)
+            i = i + 1
+        for k in range(9):
+            first = row.link_ux + k * wp.static(capacity)
+            access.store(w, first, access.load(w, first + n))
+
+    @wp.func
+    def find_contacts(
+        w: wp.array[Real],
+        group: Group,
+        end: int,
+        plate: Plate,
+        sprocket: Sprocket,
+        body: Pose,
+        number: int,
+        memory: Memory,
+    ):
+        """Stores contacts of flank end `end` (`physics.toe.ENDS`) at the group's pins with wheel `number`.
+
+        Gap coordinates are in their rows; `memory` is that of these contacts.
+        """
+        after, sign, apart = end < 2, Real(1.0), int(1)
+        if not after:
+            sign, apart = Real(-1.0), int(0)
+        i = group.low
+        while i < group.high:
+            at = i + apart
+            e = vec2(access.load(w, row.outward_x + i), access.load(w, row.outward_y + i))
+            ux, uy = sign * access.load(w, row.link_ux + at), sign * access.load(w, row.link_uy + at)
+            u = vec2(products(ux, e[0], uy, e[1]), products(uy, e[0], -ux, e[1]))
+            length = access.load(w, row.link_length + at)
+            xi, lateral = access.load(w, row.radial + i), access.load(w, row.lateral + i)
+            depth, n, z = toe_contact(xi, lateral, u, length, end % 2, after, plate, sprocket)
+            seated = access.load(w, row.direction_owner + i) == Real(number)
+            nx, ny = products(n[0], e[0], -n[1], e[1]), products(n[0], e[1], n[1], e[0])
+            zx, zy = products(z[0], e[0], -z[1], e[1]), products(z[0], e[1], z[1], e[0])
+            p = rollers.exact_position(w, i) - body.center
+            half = Real(0.5) * length
+            arm_x, arm_y = Real(p[0]) + half * ux + zx, Real(p[1]) + half * uy + zy
+            turn, angular = access.load(w, row.link_turn + at), access.load(w, row.link_angular + at)
+            surface = surface_velocity(body, wp.vec2d(wp.float64(arm_x), wp.float64(arm_y)))
+            relative_x = Real(surface[0]) - (access.load(w, row.middle_vx + at) - turn * zy)
+            relative_y = Real(surface[1]) - (access.load(w, row.middle_vy + at) + turn * zx)
+            ax, ay = access.load(w, row.middle_ax + at), access.load(w, row.middle_ay + at)
+            own = vec2(ax - angular * zy, ay + angular * zx)
+            more = relative_acceleration(memory.straight, memory.angular, vec2(arm_x, arm_y), own)
+            before = wp.where(seated, access.load(w, memory.speed_row + i), Real(0.0))
+            contact_rows.store_arm(w, i, arm_x, arm_y)
+            contact_rows.store_contact(w, i, wp.where(seated, depth, Real(AWAY)), nx, ny, relative_x, relative_y)
+            access.store(w, row.place_x + i, zx)
+            access.store(w, row.place_y + i, zy)
+            access.store(w, row.more_x + i, more[0])
+            access.store(w, row.more_y + i, more[1])
+            access.store(w, row.point_mobility + i, point_mobility(vec2(zx, zy), vec2(nx, ny), length))
+            access.store(w, row.v0_before + i, before)
+            access.store(w, row.v0_open + i, memory_after_teeth(before))
+            i = i + 1
+
+    return ToeFunctions(
+        fetch_pushes=fetch_pushes,
+        put_back_pushes=put_back_pushes,
+        find_link_motions=find_link_motions,
+        find_contacts=find_contacts,
+    )
