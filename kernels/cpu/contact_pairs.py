@@ -15,7 +15,7 @@ from .guides import guide_functions
 from .near_rollers import near_roller_functions
 from .neighbor_list import Group, neighbor_list_functions
 from .partners import partner_functions
-from .rollers import rows
+from .rollers import roller_functions, rows
 from .seats import seat_functions
 from .teeth import tooth_functions
 from .toe_forces import toe_force_functions
@@ -43,6 +43,7 @@ def contact_pair_functions(Real: type, capacity: int, silent: bool) -> ContactPa
     near_rollers = near_roller_functions(Real, capacity)
     seats = seat_functions(Real, capacity)
     teeth = tooth_functions(Real, capacity)
+    rollers = roller_functions(Real, capacity)
     toes = toe_functions(Real, capacity)
     toe_forces = toe_force_functions(Real, capacity)
     toe_pairs = toe_pair_functions(Real, capacity)
@@ -181,7 +182,11 @@ def contact_pair_functions(Real: type, capacity: int, silent: bool) -> ContactPa
                 state.totals[slot] = Totals()
                 memory.damper_row = contact_rows.damper_row(p)
                 if wp.static(silent):
-                    if drive.points > 1 and p >= drive.sprockets:
+                    if drive.points > 1 and p < drive.sprockets:
+                        rollers.clear_rows(w, row.near_x, row.near_y, drive.rollers)
+                        rollers.clear_rows(w, row.next_x, row.next_y, drive.rollers + 1)
+                        rollers.clear_rows(w, row.last_x, row.last_y, drive.rollers + 1)
+                    elif drive.points > 1:
                         memory.damper_row = contact_rows.damper_row(drive.sprockets * (drive.points - 1) + p)
             if run < runs:
                 if wp.static(silent):
@@ -201,8 +206,10 @@ def contact_pair_functions(Real: type, capacity: int, silent: bool) -> ContactPa
                     )
                 if wp.static(silent):
                     memory.first = memory.first + wp.where(p < drive.sprockets, drive.points, 1) * drive.rollers
-                    if drive.points > 1 and p == drive.sprockets - 1:
-                        toe_forces.join_forces(w, drive.rollers, memory)
+                    if drive.points > 1 and p < drive.sprockets:
+                        state.totals[slot].dissipated -= toe_forces.join_forces(w, drive.rollers, memory)
+                        if p == drive.sprockets - 1 and memory.stage == 0:
+                            toe_forces.keep_forces(w, drive.rollers)
                 else:
                     memory.first = memory.first + drive.rollers
                 run = 0

@@ -5,8 +5,10 @@ from functools import cache
 
 import warp as wp
 
+from ..native import LANES
 from ..physics.toe import ENDS
 from ..structs import Drive, Totals, types
+from .contact_forces import contact_force_functions
 from .contact_friction import contact_friction_functions
 from .contact_rows import contact_row_functions
 from .contact_sums import contact_sum_functions
@@ -37,38 +39,67 @@ def toe_pair_functions(Real: type, capacity: int) -> ToePairFunctions:
     toes = toe_functions(Real, capacity)
     toe_forces = toe_force_functions(Real, capacity)
     contact_rows = contact_row_functions(Real, capacity)
+    contact_forces = contact_force_functions(Real, capacity)
     contact_sums = contact_sum_functions(Real, capacity)
     contact_friction = contact_friction_functions(Real, capacity)
     row = rows(capacity)
+    wide = 2 * LANES[Real]  # these long loops take twice as many pins at a time, and would do the rest one by one
     neighbor_list = neighbor_list_functions(Real, capacity)
 
+    def end_function(end: int) -> wp.Function:
+        """Function that adds the forces of flank end `end`."""
+        find_contacts, add_forces = toes.find_contacts[end], toe_forces.add_forces[int(end >= 2)]
+
+        @wp.func
+        def add_end_forces(
+            w: wp.array[Real],
+            group: Group,
+            last: int,
+            plate: Plate,
+            partner: partners.Partner,
+            law: kinds.ContactLaw,
+            friction: kinds.Friction,
+            memory: Memory,
+            totals: wp.array[Totals],
+            slot: int,
+        ):
+            """Adds the forces of one flank end at a group's pins to rows of pins and to `totals[slot]`."""
+            measured = memory.wanted.measures != 0
+            contact_forces.copy_row(w, group, memory.speed_row, row.v0_before)
+            contact_forces.copy_row(w, group, memory.push_row, row.pushed)
+            contact_forces.copy_row(w, group, memory.damper_row, row.damper_speed)
+            find_contacts(w, group, last, plate, partner.sprocket, partner.pose, partner.body, memory)
+            toe_forces.find_normal_forces(w, group, law, memory)
+            if friction.inertia > Real(0.0):
+                contact_friction.add_friction_forces(w, group, friction, memory)
+            add_forces(w, group)
+            if memory.stage == 0:
+                contact_forces.copy_row(w, group, row.v0_kept, memory.speed_row)
+                contact_forces.copy_row(w, group, row.force_size, memory.push_row)
+                contact_forces.copy_row(w, group, row.damper_speed, memory.damper_row)
+            if measured:
+                began = toe_forces.find_powers(w, group, law, friction.inertia > Real(0.0), memory)
+                contact_sums.add_measured_totals(w, group, law, friction, memory.wanted, totals, slot)
+                if began != 0:
+                    totals[slot].impacts += contact_sums.count_beginning(w, group)
+                    totals[slot].contacts += teeth.count_first_contacts(w, group)
+            else:
+                contact_sums.add_totals(w, group, totals, slot, False, False)
+            if memory.wanted.sizes != 0:
+                contact_rows.add_force_sizes(w, group, row.sprocket_force)
+
+        return add_end_forces
+
+    first_end, second_end, third_end, fourth_end = (end_function(end) for end in range(int(ENDS)))
+
     @wp.func
-    def add_toe_forces(
-        w: wp.array[Real],
-        group: Group,
-        after: bool,
-        law: kinds.ContactLaw,
-        friction: kinds.Friction,
-        memory: Memory,
-        totals: wp.array[Totals],
-        slot: int,
-    ):
-        """Adds the forces of one flank end at a group's pins to pins and `totals[slot]`."""
-        measured = memory.wanted.measures != 0
-        toe_forces.find_normal_forces(w, group, law, memory)
-        if friction.inertia > Real(0.0):
-            contact_friction.add_friction_forces(w, group, friction, memory)
-        toe_forces.add_forces(w, group, after, memory)
-        if measured:
-            began = toe_forces.find_powers(w, group, law, friction.inertia > Real(0.0), memory)
-            contact_sums.add_measured_totals(w, group, law, friction, memory.wanted, totals, slot)
-            if began != 0:
-                totals[slot].impacts += contact_sums.count_beginning(w, group)
-                totals[slot].contacts += teeth.count_first_contacts(w, group)
-        else:
-            contact_sums.add_totals(w, group, totals, slot, False, False)
-        if memory.wanted.sizes != 0:
-            contact_rows.add_force_sizes(w, group, row.sprocket_force)
+    def next_end(memory: Memory, n: int):
+        """Memory of the next flank end's contacts of `n` pins."""
+        memory.first = memory.first + n
+        memory.damper_row = memory.damper_row + wp.static(capacity)
+        memory.push_row = memory.push_row + wp.static(capacity)
+        memory.speed_row = memory.speed_row + wp.static(capacity)
+        return memory
 
     @wp.func(inline=False)
     def add_run_of_toes(
@@ -81,13 +112,15 @@ def toe_pair_functions(Real: type, capacity: int) -> ToePairFunctions:
         run: int,
         memory: Memory,
     ):
-        """Adds the forces of wheel `p` on the links of one run of pins, to pins and totals."""
+        """Adds the forces of wheel `p` on the links of one run of pins, to rows of pins and to totals."""
         n = drive.rollers
         first, count = neighbor_list.run_span(w, drive, p, run)
         partner = partners.sprocket_partner(ensemble, state, drive, p)
         memory.speed_row = contact_rows.speed_row(drive, p)
         group = near_rollers.find_gap_contacts(w, ensemble, first, first + count, n, partner, memory)
         if group.high > group.low:
+            last = group.high
+            group.high = group.low + (last - group.low + wp.static(wide - 1)) // wp.static(wide) * wp.static(wide)
             slot = drive.first_sprocket + drive.first_guide + p
             law = partners.law_of_partner(ensemble, drive, p)
             friction = partners.friction_of_partner(ensemble, drive, p)
@@ -96,14 +129,12 @@ def toe_pair_functions(Real: type, capacity: int) -> ToePairFunctions:
             memory.angular = Real(pose.angular)
             memory.damper_row = contact_rows.damper_row(p * ENDS)
             memory.push_row = contact_rows.push_row(drive, p)
-            end = int(0)
-            while end < ENDS:
-                toes.find_contacts(w, group, end, plate, partner.sprocket, partner.pose, partner.body, memory)
-                add_toe_forces(w, group, end < 2, law, friction, memory, state.totals, slot)
-                memory.first = memory.first + n
-                memory.damper_row = memory.damper_row + wp.static(capacity)
-                memory.push_row = memory.push_row + wp.static(capacity)
-                memory.speed_row = memory.speed_row + wp.static(capacity)
-                end = end + 1
+            first_end(w, group, last, plate, partner, law, friction, memory, state.totals, slot)
+            memory = next_end(memory, n)
+            second_end(w, group, last, plate, partner, law, friction, memory, state.totals, slot)
+            memory = next_end(memory, n)
+            third_end(w, group, last, plate, partner, law, friction, memory, state.totals, slot)
+            memory = next_end(memory, n)
+            fourth_end(w, group, last, plate, partner, law, friction, memory, state.totals, slot)
 
     return ToePairFunctions(add_run_of_toes=add_run_of_toes)

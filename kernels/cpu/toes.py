@@ -10,10 +10,10 @@ import warp as wp
 
 from ..native import products, row_access
 from ..physics.contact import AWAY, memory_after_teeth, relative_acceleration, surface_velocity
-from ..physics.toe import ENDS, point_mobility, toe_contact
+from ..physics.toe import ENDS, point_mobility, seated_toe_contact, toe_contact
 from ..structs import Drive, Pose, types
 from .contact_rows import contact_row_functions
-from .neighbor_list import Group
+from .neighbor_list import Group, lowest_bit, without_lowest_bit
 from .rollers import roller_functions, rows
 
 
@@ -24,7 +24,7 @@ class ToeFunctions:
     fetch_pushes: wp.Function
     put_back_pushes: wp.Function
     find_link_motions: wp.Function
-    find_contacts: wp.Function
+    find_contacts: tuple[wp.Function, ...]  # of each of a pin's flank ends (`physics.toe.ENDS`)
 
 
 @cache
@@ -77,16 +77,12 @@ def toe_functions(Real: type, capacity: int) -> ToeFunctions:
 
     @wp.func
     def find_link_motions(w: wp.array[Real], n: int, chain: Chain):
-        """Stores each link's direction, length and motion, link i's at i + 1; clears forces on far pins."""
+        """Stores each link's direction, length and motion, link i's at i + 1."""
         i = int(0)
         while i < n:
             a = link_acceleration(w, i, chain)
             access.store(w, row.pin_ax + i, a[0])
             access.store(w, row.pin_ay + i, a[1])
-            access.store(w, row.last_x + i, Real(0.0))
-            access.store(w, row.last_y + i, Real(0.0))
-            access.store(w, row.next_x + i, Real(0.0))
-            access.store(w, row.next_y + i, Real(0.0))
             i = i + 1
         access.store(w, row.pin_ax + n, access.load(w, row.pin_ax))
         access.store(w, row.pin_ay + n, access.load(w, row.pin_ay))
@@ -112,61 +108,116 @@ def toe_functions(Real: type, capacity: int) -> ToeFunctions:
             first = row.link_ux + k * wp.static(capacity)
             access.store(w, first, access.load(w, first + n))
 
-    @wp.func
-    def find_contacts(
-        w: wp.array[Real],
-        group: Group,
-        end: int,
-        plate: Plate,
-        sprocket: Sprocket,
-        body: Pose,
-        number: int,
-        memory: Memory,
-    ):
-        """Stores contacts of flank end `end` (`physics.toe.ENDS`) at the group's pins with wheel `number`.
+    def contact_function(end: int) -> wp.Function:
+        """Function that stores contacts of flank end `end`."""
+        after, number_of_end = end < 2, end % 2
+        apart, sign = int(after), 1.0 if after else -1.0
 
-        Gap coordinates are in their rows; `memory` is that of these contacts.
-        """
-        after, sign, apart = end < 2, Real(1.0), int(1)
-        if not after:
-            sign, apart = Real(-1.0), int(0)
-        i = group.low
-        while i < group.high:
-            at = i + apart
-            e = vec2(access.load(w, row.outward_x + i), access.load(w, row.outward_y + i))
-            ux, uy = sign * access.load(w, row.link_ux + at), sign * access.load(w, row.link_uy + at)
-            u = vec2(products(ux, e[0], uy, e[1]), products(uy, e[0], -ux, e[1]))
-            length = access.load(w, row.link_length + at)
-            xi, lateral = access.load(w, row.radial + i), access.load(w, row.lateral + i)
-            depth, n, z = toe_contact(xi, lateral, u, length, end % 2, after, plate, sprocket)
-            seated = access.load(w, row.direction_owner + i) == Real(number)
-            nx, ny = products(n[0], e[0], -n[1], e[1]), products(n[0], e[1], n[1], e[0])
-            zx, zy = products(z[0], e[0], -z[1], e[1]), products(z[0], e[1], z[1], e[0])
-            p = rollers.exact_position(w, i) - body.center
-            half = Real(0.5) * length
-            arm_x, arm_y = Real(p[0]) + half * ux + zx, Real(p[1]) + half * uy + zy
-            turn, angular = access.load(w, row.link_turn + at), access.load(w, row.link_angular + at)
-            surface = surface_velocity(body, wp.vec2d(wp.float64(arm_x), wp.float64(arm_y)))
-            relative_x = Real(surface[0]) - (access.load(w, row.middle_vx + at) - turn * zy)
-            relative_y = Real(surface[1]) - (access.load(w, row.middle_vy + at) + turn * zx)
-            ax, ay = access.load(w, row.middle_ax + at), access.load(w, row.middle_ay + at)
-            own = vec2(ax - angular * zy, ay + angular * zx)
-            more = relative_acceleration(memory.straight, memory.angular, vec2(arm_x, arm_y), own)
-            before = wp.where(seated, access.load(w, memory.speed_row + i), Real(0.0))
-            contact_rows.store_arm(w, i, arm_x, arm_y)
-            contact_rows.store_contact(w, i, wp.where(seated, depth, Real(AWAY)), nx, ny, relative_x, relative_y)
-            access.store(w, row.place_x + i, zx)
-            access.store(w, row.place_y + i, zy)
-            access.store(w, row.more_x + i, more[0])
-            access.store(w, row.more_y + i, more[1])
-            access.store(w, row.point_mobility + i, point_mobility(vec2(zx, zy), vec2(nx, ny), length))
-            access.store(w, row.v0_before + i, before)
-            access.store(w, row.v0_open + i, memory_after_teeth(before))
-            i = i + 1
+        @wp.func
+        def link_direction(w: wp.array[Real], i: int):
+            """Unit vector from pin `i` into the link, along and across the seat's direction."""
+            x, y = access.load(w, row.outward_x + i), access.load(w, row.outward_y + i)
+            ux = wp.static(Real(sign)) * access.load(w, row.link_ux + i + wp.static(apart))
+            uy = wp.static(Real(sign)) * access.load(w, row.link_uy + i + wp.static(apart))
+            return vec2(products(ux, x, uy, y), products(uy, x, -ux, y))
+
+        @wp.func
+        def store_place(w: wp.array[Real], i: int, depth: Real, n: vec2, z: vec2):
+            """Stores penetration, normal and place, along and across the seat's direction, and their mobility."""
+            x, y = access.load(w, row.outward_x + i), access.load(w, row.outward_y + i)
+            access.store(w, row.penetration + i, depth)
+            access.store(w, row.normal_x + i, products(n[0], x, -n[1], y))
+            access.store(w, row.normal_y + i, products(n[0], y, n[1], x))
+            access.store(w, row.place_x + i, products(z[0], x, -z[1], y))
+            access.store(w, row.place_y + i, products(z[0], y, z[1], x))
+            length = access.load(w, row.link_length + i + wp.static(apart))
+            access.store(w, row.point_mobility + i, point_mobility(z, n, length))
+
+        @wp.func
+        def mend_places(w: wp.array[Real], group: Group, plate: Plate, sprocket: Sprocket):
+            """Stores the contacts of the few arcs that are not on the flank that they face."""
+            bits = access.find_unlike(w, row.exception + group.low, group.high - group.low, Real(0.0))
+            while bits != wp.uint64(0):
+                i = group.low + lowest_bit(bits)
+                u, length = link_direction(w, i), access.load(w, row.link_length + i + wp.static(apart))
+                xi, lateral = access.load(w, row.radial + i), access.load(w, row.lateral + i)
+                depth, n, z = toe_contact(
+                    xi, lateral, u, length, wp.static(number_of_end), wp.static(after), plate, sprocket
+                )
+                store_place(w, i, depth, n, z)
+                bits = without_lowest_bit(bits)
+
+        @wp.func
+        def find_places(w: wp.array[Real], group: Group, last: int, plate: Plate, sprocket: Sprocket, number: int):
+            """Stores penetrations, normals, places and mobilities of one flank end at the group's pins."""
+            others = int(0)
+            i = group.low
+            while i < group.high:
+                u, length = link_direction(w, i), access.load(w, row.link_length + i + wp.static(apart))
+                xi, lateral = access.load(w, row.radial + i), access.load(w, row.lateral + i)
+                depth, n, z, on_flank = seated_toe_contact(
+                    xi, lateral, u, length, wp.static(number_of_end), wp.static(after), plate, sprocket
+                )
+                seated = access.load(w, row.direction_owner + i) == Real(number) and i < last
+                exception = wp.where(seated, 1 - on_flank, 0)
+                others = others | exception
+                access.store(w, row.exception + i, Real(exception))
+                store_place(w, i, wp.where(seated, depth, Real(AWAY)), n, z)
+                before = wp.where(seated, access.load(w, row.v0_before + i), Real(0.0))
+                access.store(w, row.v0_before + i, before)
+                access.store(w, row.v0_open + i, memory_after_teeth(before))
+                i = i + 1
+            if others != 0:
+                mend_places(w, group, plate, sprocket)
+
+        @wp.func
+        def find_motions(w: wp.array[Real], group: Group, body: Pose, memory: Memory):
+            """Stores relative velocities and accelerations of one flank end at the group's pins."""
+            i = group.low
+            while i < group.high:
+                at = i + wp.static(apart)
+                half = wp.static(Real(0.5 * sign)) * access.load(w, row.link_length + at)
+                x, y = access.load(w, row.place_x + i), access.load(w, row.place_y + i)
+                p = rollers.exact_position(w, i) - body.center
+                arm_x = Real(p[0]) + half * access.load(w, row.link_ux + at) + x
+                arm_y = Real(p[1]) + half * access.load(w, row.link_uy + at) + y
+                turn, angular = access.load(w, row.link_turn + at), access.load(w, row.link_angular + at)
+                surface = surface_velocity(body, wp.vec2d(wp.float64(arm_x), wp.float64(arm_y)))
+                speed_x = access.load(w, row.middle_vx + at) - turn * y
+                speed_y = access.load(w, row.middle_vy + at) + turn * x
+                ax, ay = access.load(w, row.middle_ax + at), access.load(w, row.middle_ay + at)
+                own = vec2(ax - angular * y, ay + angular * x)
+                more = relative_acceleration(memory.straight, memory.angular, vec2(arm_x, arm_y), own)
+                contact_rows.store_arm(w, i, arm_x, arm_y)
+                access.store(w, row.relative_x + i, Real(surface[0]) - speed_x)
+                access.store(w, row.relative_y + i, Real(surface[1]) - speed_y)
+                access.store(w, row.more_x + i, more[0])
+                access.store(w, row.more_y + i, more[1])
+                i = i + 1
+
+        @wp.func
+        def find_contacts(
+            w: wp.array[Real],
+            group: Group,
+            last: int,
+            plate: Plate,
+            sprocket: Sprocket,
+            body: Pose,
+            number: int,
+            memory: Memory,
+        ):
+            """Stores contacts of one flank end with wheel `number` at the group's pins before `last`.
+
+            Gap coordinates and v0 are in their rows.
+            """
+            find_places(w, group, last, plate, sprocket, number)
+            find_motions(w, group, body, memory)
+
+        return find_contacts
 
     return ToeFunctions(
         fetch_pushes=fetch_pushes,
         put_back_pushes=put_back_pushes,
         find_link_motions=find_link_motions,
-        find_contacts=find_contacts,
+        find_contacts=tuple(contact_function(end) for end in range(int(ENDS))),
     )

@@ -20,7 +20,8 @@ from typing import Any
 
 import warp as wp
 
-from ..native import inverse_root, products, root
+from ..native import inverse_root, larger, products, root, smaller
+from .contact import AWAY
 
 ENDS = wp.constant(4)
 """Flank ends at a pin: tip and beginning on the link after it, then on the link before it."""
@@ -110,6 +111,47 @@ def toe_contact(xi: Any, lateral: Any, u: Any, length: Any, end: int, after: boo
     n_e, n_t = rotated_to_gap(n_e, n_t, cosine, -sine)
     x_e, x_t = rotated_to_gap(x_e - middle_e, x_t - middle_t, cosine, -sine)
     return penetration, type(u)(n_e, n_t), type(u)(x_e, x_t)
+
+
+@wp.func
+def seated_toe_contact(xi: Any, lateral: Any, u: Any, length: Any, end: int, after: bool, plate: Any, gap: Any):
+    """What `toe_contact` returns for an arc on the flank that it faces, and whether it is there (1, else 0)."""
+    turn = wp.where(after, plate.side, -plate.side)
+    half = type(xi)(0.5) * length
+    middle_e, middle_t = xi + half * u[0], lateral + half * u[1]
+    w_e, w_t = -turn * u[1], turn * u[0]
+    tip_e = middle_e + products(plate.tip[0], u[0], plate.tip[1], w_e)
+    tip_t = middle_t + products(plate.tip[0], u[1], plate.tip[1], w_t)
+    at_e, at_t = tip_e, tip_t
+    if end != 0:
+        at_e = middle_e + products(plate.begin[0], u[0], plate.begin[1], w_e)
+        at_t = middle_t + products(plate.begin[0], u[1], plate.begin[1], w_t)
+    zero, ahead, radius = type(xi)(0.0), gap.law.ahead, gap.pitch_radius
+    # open, where both arcs are outside the teeth's tips or off both of the gap's flanks
+    reach = gap.tip_reach + ahead
+    nearer = smaller(
+        products(radius + at_e, radius + at_e, at_t, at_t), products(radius + tip_e, radius + tip_e, tip_t, tip_t)
+    )
+    penetration = products(-turn * at_t, gap.sin_half_seat, -at_e, gap.cos_half_seat) - gap.clearance
+    deepest = larger(
+        products(wp.abs(at_t), gap.sin_half_seat, -at_e, gap.cos_half_seat),
+        products(wp.abs(tip_t), gap.sin_half_seat, -tip_e, gap.cos_half_seat),
+    )
+    is_within = wp.abs(tip_t) <= gap.half_pitch_tangent * (radius + tip_e)
+    is_open = nearer > reach * reach or (is_within and deepest - gap.clearance <= -ahead)
+    # on the flank that it faces, below the tooth's tip
+    limit = larger(gap.tip_reach - penetration, zero)
+    below = products(radius + at_e, radius + at_e, at_t, at_t) <= limit * limit
+    if end != 0:
+        along = larger(
+            products(at_e, gap.sin_half_seat, -turn * at_t, gap.cos_half_seat),
+            products(tip_e, gap.sin_half_seat, -turn * tip_t, gap.cos_half_seat),
+        )
+        below = below and along <= gap.corner
+    on_flank = is_within and below and turn * at_t <= zero
+    n = type(u)(gap.cos_half_seat, turn * gap.sin_half_seat)
+    z = type(u)(at_e - middle_e - plate.radius * n[0], at_t - middle_t - plate.radius * n[1])
+    return wp.where(is_open, type(xi)(AWAY), penetration), n, z, wp.where(is_open or on_flank, 1, 0)
 
 
 @wp.func

@@ -194,7 +194,7 @@ def _tensioner_pushes(model: ChainModel, body: int) -> tuple[float, float]:
 
 def _contact_stiffnesses(model: ChainModel) -> list[tuple[str, float]]:
     """Contact partners of rollers: name and stiffness [N/m]."""
-    ends = 2.0 if model.chain.is_silent else 1.0  # of a silent chain two flanks on each of a pin's two links
+    ends = 4.0 if model.chain.is_silent else 1.0  # of its two links four flanks, whose forces act on a pin and the next
     teeth = [(f'the teeth of "{of.name}"', ends * model.sprocket_stiffness(s)) for s, of in enumerate(model.sprockets)]
     return teeth + [(f'guide "{guide.name}"', model.guide_stiffness(g)) for g, guide in enumerate(model.guides)]
 
