@@ -43,8 +43,16 @@ def toe_pair_functions(Real: type, capacity: int) -> ToePairFunctions:
     contact_sums = contact_sum_functions(Real, capacity)
     contact_friction = contact_friction_functions(Real, capacity)
     row = rows(capacity)
-    wide = 2 * LANES[Real]  # these long loops take twice as many pins at a time, and would do the rest one by one
+    wide = wp.constant(2 * LANES[Real])  # pins at a time that these long loops take; others would go one by one
     neighbor_list = neighbor_list_functions(Real, capacity)
+
+    @wp.struct
+    class ToeRun:
+        """Pins of a wheel's run, in whole vectors."""
+
+        group: Group
+        last: wp.int32  # after the run's last pin; beyond it none is seated
+        slot: wp.int32  # of the wheel's totals
 
     def end_function(end: int) -> wp.Function:
         """Function that adds the forces of flank end `end`."""
@@ -53,22 +61,20 @@ def toe_pair_functions(Real: type, capacity: int) -> ToePairFunctions:
         @wp.func
         def add_end_forces(
             w: wp.array[Real],
-            group: Group,
-            last: int,
+            run: ToeRun,
             plate: Plate,
             partner: partners.Partner,
-            law: kinds.ContactLaw,
             friction: kinds.Friction,
             memory: Memory,
             totals: wp.array[Totals],
-            slot: int,
         ):
-            """Adds the forces of one flank end at a group's pins to rows of pins and to `totals[slot]`."""
+            """Adds the forces of one flank end at a run's pins to rows of pins and to the wheel's totals."""
+            group, law, slot = run.group, partner.sprocket.law, run.slot
             measured = memory.wanted.measures != 0
             contact_forces.copy_row(w, group, memory.speed_row, row.v0_before)
             contact_forces.copy_row(w, group, memory.push_row, row.pushed)
             contact_forces.copy_row(w, group, memory.damper_row, row.damper_speed)
-            find_contacts(w, group, last, plate, partner.sprocket, partner.pose, partner.body, memory)
+            find_contacts(w, group, run.last, plate, partner.sprocket, partner.pose, partner.body, memory)
             toe_forces.find_normal_forces(w, group, law, memory)
             if friction.inertia > Real(0.0):
                 contact_friction.add_friction_forces(w, group, friction, memory)
@@ -119,22 +125,23 @@ def toe_pair_functions(Real: type, capacity: int) -> ToePairFunctions:
         memory.speed_row = contact_rows.speed_row(drive, p)
         group = near_rollers.find_gap_contacts(w, ensemble, first, first + count, n, partner, memory)
         if group.high > group.low:
-            last = group.high
-            group.high = group.low + (last - group.low + wp.static(wide - 1)) // wp.static(wide) * wp.static(wide)
-            slot = drive.first_sprocket + drive.first_guide + p
-            law = partners.law_of_partner(ensemble, drive, p)
+            some = ToeRun()
+            some.last = group.high
+            some.slot = drive.first_sprocket + drive.first_guide + p
+            group.high = group.low + (group.high - group.low + wide - 1) // wide * wide
+            some.group = group
             friction = partners.friction_of_partner(ensemble, drive, p)
             pose = state.poses[drive.first_body + p]
             memory.straight = kinds.vec2(Real(pose.straight[0]), Real(pose.straight[1]))
             memory.angular = Real(pose.angular)
             memory.damper_row = contact_rows.damper_row(p * ENDS)
             memory.push_row = contact_rows.push_row(drive, p)
-            first_end(w, group, last, plate, partner, law, friction, memory, state.totals, slot)
+            first_end(w, some, plate, partner, friction, memory, state.totals)
             memory = next_end(memory, n)
-            second_end(w, group, last, plate, partner, law, friction, memory, state.totals, slot)
+            second_end(w, some, plate, partner, friction, memory, state.totals)
             memory = next_end(memory, n)
-            third_end(w, group, last, plate, partner, law, friction, memory, state.totals, slot)
+            third_end(w, some, plate, partner, friction, memory, state.totals)
             memory = next_end(memory, n)
-            fourth_end(w, group, last, plate, partner, law, friction, memory, state.totals, slot)
+            fourth_end(w, some, plate, partner, friction, memory, state.totals)
 
     return ToePairFunctions(add_run_of_toes=add_run_of_toes)

@@ -127,6 +127,7 @@ class BlockKind:
         friction: of contacts and joints.
         links: "alike"; "lengths", which differ; "varied", which differ in stiffness or mass or have play, too.
         linear_hysteretic: all contacts' laws are hysteretic and linear (`impact.linear_force`).
+        silent: some chain is a silent one.
     """
 
     Real: type
@@ -139,6 +140,7 @@ class BlockKind:
     friction: Friction = Friction()
     links: str = "lengths"
     linear_hysteretic: bool = False
+    silent: bool = False
 
     @property
     def has_oil_warp(self) -> bool:
@@ -176,17 +178,17 @@ class BlockKind:
         """Whether steps of one warp without a frame have code of their own, without what only frames want."""
         more = self.moving or self.parts.hubs or self.parts.is_tied
         long = self.profiles or (self.measuring and self.Real == wp.float32 and more)
-        return not (self.has_stages or long)
+        return not (self.has_stages or long or self.silent)
 
     @property
     def finds_partners_early(self) -> bool:
         """Whether rollers look for partners, which are fixed, while bodies move: on several warps."""
-        return self.shape.threads > WARP and not (self.moving or self.profiles)
+        return self.shape.threads > WARP and not (self.moving or self.profiles or self.silent)
 
     @property
     def hands_over(self) -> bool:
         """Whether the last warp alone moves the bodies, and goes on once the contacts' moments are there."""
-        waiting = self.parts.is_tied or self.parts.hubs or self.parts.tabulated_supply
+        waiting = self.parts.is_tied or self.parts.hubs or self.parts.tabulated_supply or self.silent
         return self.shape.body_warp and self.parts.bodies <= 4 and self.shape.room <= 192 and not waiting
 
     @property

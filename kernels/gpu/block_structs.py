@@ -30,6 +30,9 @@ def block_structs(Real: type) -> SimpleNamespace:
         first_arm: wp.int32
         first_shaft: wp.int32
         partners: wp.int32  # its sprockets and guides, as bits
+        first_push: wp.int32  # of a silent one: its values in `State.push`
+        first_contact: wp.int32  # its contact memories
+        sprockets: wp.int32
 
     @wp.struct
     class Stroke:
@@ -78,6 +81,7 @@ def block_structs(Real: type) -> SimpleNamespace:
         guides: wp.array[kinds.Guide]  # (G,)
         friction: wp.array[kinds.Friction]  # (S + G,), of kernels with friction there
         chains: wp.array[kinds.Chain]  # (chains,)
+        plates: wp.array[kinds.Plate]  # (chains,) where some are silent; of radius 0 where one is not
         boxes: wp.array[kinds.vec2]  # (2 chains,): low and high corner beyond which a roller has left the drive [m]
         chain_places: wp.array[ChainPlace]  # (chains,), where there are several
         first_rollers: wp.types.vector(
@@ -138,6 +142,7 @@ class ThreadParts:
     rollers: wp.int32  # of the variant
     first_roller: wp.int32  # of the variant among all
     first_contact: wp.int32  # of its contact memories
+    first_push: wp.int32  # of its values in `State.push`
     thread: wp.int32  # of the block
     body: wp.int32  # that the thread moves; negative for most
     sprocket: wp.int32  # that it moves; negative where its body is none
@@ -157,6 +162,7 @@ def thread_parts(drive: Drive, variant: int, thread: int, body: int):
     mine.rollers = drive.rollers
     mine.first_roller = drive.first_roller
     mine.first_contact = drive.first_contact
+    mine.first_push = drive.first_push
     mine.thread = thread
     mine.body = body
     mine.sprocket = wp.where(body < drive.sprockets, body, -1)

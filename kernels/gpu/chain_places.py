@@ -44,17 +44,20 @@ def chain_place_functions(kind: BlockKind) -> ChainPlaceFunctions:
         place.first_guide = drive.first_guide - whole.first_guide
         place.first_arm = drive.first_arm - whole.first_arm
         place.first_shaft = drive.first_shaft - whole.first_shaft
+        place.first_push = drive.first_push
+        place.first_contact = drive.first_contact
+        place.sprockets = drive.sprockets
         bars = sprockets + place.first_guide
         place.partners = bit_range(place.first_sprocket, drive.sprockets) | bit_range(bars, drive.guides)
         shared.chain_places[r] = place
         for s in range(drive.sprockets):
             shared.body_indices[place.first_sprocket + s] = drive.first_body + s
             shared.contact_begins[place.first_sprocket + s] = (
-                drive.first_contact + s * drive.rollers - place.first_roller
+                drive.first_contact + s * drive.points * drive.rollers - place.first_roller
             )
         for g in range(drive.guides):
             shared.contact_begins[bars + g] = (
-                drive.first_contact + (drive.sprockets + g) * drive.rollers - place.first_roller
+                drive.first_contact + (drive.sprockets * drive.points + g) * drive.rollers - place.first_roller
             )
         for h in range(drive.shafts):
             shared.body_indices[sprockets + place.first_shaft + h] = drive.first_body + drive.sprockets + h

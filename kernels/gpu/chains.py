@@ -13,6 +13,7 @@ import warp as wp
 from ..native import row_access
 from ..physics.link import chain_at_roller
 from ..physics.strand_load import carried_relative_mass
+from ..physics.toe import ENDS
 from ..structs import GROUND, Drive
 from .block_kinds import BlockKind
 from .block_structs import ThreadParts
@@ -35,6 +36,9 @@ class ChainFunctions:
     previous_roller: wp.Function
     partners_of_chain: wp.Function
     contact_memory: wp.Function
+    chain_length: wp.Function
+    push_memory: wp.Function
+    toe_memory: wp.Function
     strand_in_chain: wp.Function
     body_index: wp.Function
     body_on_block: wp.Function
@@ -146,8 +150,36 @@ def chain_functions(kind: BlockKind) -> ChainFunctions:
         """The contact memory of roller j with partner p, which is of its chain."""
         if wp.static(several):
             return shared.contact_begins[p] + j
+        elif wp.static(kind.silent):
+            of_sprockets = wp.min(p, sprockets) * ENDS + wp.max(p - sprockets, 0)
+            return mine.first_contact + j + of_sprockets * mine.rollers
         else:
             return mine.first_contact + j + p * mine.rollers
+
+    @wp.func
+    def chain_length(shared: Shared, mine: ThreadParts, j: int):
+        """The number of rollers of roller j's chain."""
+        first, count = chain_span(shared, j, mine.rollers)
+        return count
+
+    @wp.func
+    def push_memory(shared: Shared, mine: ThreadParts, j: int, at: int):
+        """Place in `State.push` of the force of pin j's flank end whose contact memory is at `at`."""
+        if wp.static(several):
+            place = shared.chain_places[chain_number(shared, j)]
+            return at - place.first_contact + place.first_push
+        else:
+            return at - mine.first_contact + mine.first_push
+
+    @wp.func
+    def toe_memory(shared: Shared, mine: ThreadParts, j: int):
+        """Place in `State.push` of the force of teeth on pin j in x, and how far behind it that in y is."""
+        if wp.static(several):
+            place = shared.chain_places[chain_number(shared, j)]
+            count = place.end_roller - place.first_roller
+            return place.first_push + place.sprockets * ENDS * count + j - place.first_roller, count
+        else:
+            return mine.first_push + wp.static(sprockets * int(ENDS)) * mine.rollers + j, mine.rollers
 
     @wp.func
     def strand_in_chain(shared: Shared, drive: Drive, j: int, strand: int):
@@ -200,6 +232,9 @@ def chain_functions(kind: BlockKind) -> ChainFunctions:
         previous_roller=previous_roller,
         partners_of_chain=partners_of_chain,
         contact_memory=contact_memory,
+        chain_length=chain_length,
+        push_memory=push_memory,
+        toe_memory=toe_memory,
         strand_in_chain=strand_in_chain,
         body_index=body_index,
         body_on_block=body_on_block,

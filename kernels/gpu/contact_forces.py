@@ -17,6 +17,8 @@ from .partner_bits import partner_bit_functions
 from .strand_loads import strand_load_functions
 from .sync import lowest_bit
 from .teeth import tooth_functions
+from .toe_rows import toe_row_functions
+from .toes import toe_functions
 from .tooth_gaps import tooth_gap_functions
 
 
@@ -41,6 +43,7 @@ def contact_force_functions(kind: BlockKind) -> ContactForceFunctions:
     teeth = tooth_functions(kind)
     guides = guide_functions(kind)
     strand_loads = strand_load_functions(kind)
+    toes, toe_rows = toe_functions(kind), toe_row_functions(kind)
 
     @wp.func
     def add_contact_forces(
@@ -58,6 +61,8 @@ def contact_force_functions(kind: BlockKind) -> ContactForceFunctions:
         """
         if wp.static(kind.links == "varied"):
             strand_loads.add_feed_forces(shared, mine)
+        if wp.static(kind.silent):
+            toe_rows.clear_forces(shared, mine)
         by_teeth = partner_bits.of_sprockets(contact.near)
         while partner_bits.has_any(by_teeth):
             j, s = partner_bits.first_pair(by_teeth, mine.thread)
@@ -65,7 +70,11 @@ def contact_force_functions(kind: BlockKind) -> ContactForceFunctions:
             if wp.static(not kind.recalls_seats_early):
                 contact = tooth_gaps.with_sprocket(ensemble, state, shared, mine, contact, j, s)
             done = int(0)
-            if wp.static(branchless):
+            if wp.static(kind.silent):
+                if toe_rows.is_silent(shared, j):
+                    toes.add_toe_forces(ensemble, state, tallies, shared, mine, now, j, s)
+                    done = 1
+            elif wp.static(branchless):
                 if now.flags == 0:
                     done = teeth.add_straight_flank_force(state, tallies, shared, mine, now, j, contact)
             if done == 0:
@@ -75,6 +84,8 @@ def contact_force_functions(kind: BlockKind) -> ContactForceFunctions:
                     contact = tooth_gaps.with_sprocket(
                         ensemble, state, shared, mine, contact, j, lowest_bit(by_teeth[0])
                     )
+        if wp.static(kind.silent):
+            toe_rows.join_forces(state, tallies, shared, mine, now)
         if wp.static(kind.parts.guides):
             guides.add_guide_forces(ensemble, state, tallies, shared, mine, now, contact.near)
 

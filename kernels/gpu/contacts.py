@@ -36,6 +36,7 @@ class ContactFunctions:
     with_memory: wp.Function
     friction_and_hold: wp.Function
     specialized_law: wp.Function
+    velocity_lag: wp.Function
     dissipating_force: wp.Function
     dissipated_powers: wp.Function
     keep_impact_speed: wp.Function
@@ -216,6 +217,7 @@ def contact_functions(kind: BlockKind) -> ContactFunctions:
         with_memory=with_memory,
         friction_and_hold=friction_and_hold,
         specialized_law=specialized_law,
+        velocity_lag=velocity_lag,
         dissipating_force=dissipating_force,
         dissipated_powers=dissipated_powers,
         keep_impact_speed=keep_impact_speed,

@@ -51,6 +51,8 @@ def geometry_functions(kind: BlockKind) -> GeometryFunctions:
         shared.boxes[2 * r] = vec2(Real(drive.low[0]), Real(drive.low[1]))
         shared.boxes[2 * r + 1] = vec2(Real(drive.high[0]), Real(drive.high[1]))
         shared.chains[r] = ensemble.chains[variant + r]
+        if wp.static(kind.silent):
+            shared.plates[r] = ensemble.plates[variant + r]
 
     @wp.func
     def share_chains_and_guides(ensemble: Ensemble, shared: Shared, drive: Drive, variant: int):

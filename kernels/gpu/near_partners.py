@@ -7,6 +7,7 @@ import warp as wp
 
 from ..native import is_between, products
 from ..physics.guide import coarse_frame_vector, is_near_bar, is_near_profile
+from ..physics.toe import ENDS
 from .block_kinds import BlockKind
 from .block_structs import ThreadParts
 from .chains import chain_functions
@@ -113,6 +114,10 @@ def near_partner_functions(kind: BlockKind) -> NearPartnerFunctions:
             at = chains.contact_memory(shared, mine, j, p)
             state.seat[at] = -1
             state.impact_speed[at] = Real(0.0)
+            if wp.static(kind.silent):
+                if p < sprockets and shared.plates[chains.chain_number(shared, j)].radius > Real(0.0):
+                    for end in range(1, ENDS):
+                        state.impact_speed[at + end * chains.chain_length(shared, mine, j)] = Real(0.0)
 
     @wp.func
     def update_near_partners(state: State, shared: Shared, mine: ThreadParts, now: Now, held: partner_bits.Bits):

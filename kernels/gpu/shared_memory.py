@@ -57,6 +57,30 @@ def roller_rows(kind: BlockKind) -> RollerRows:
     return type("RollerRows", (), firsts)  # as Warp reads constants from attributes of a class, not of an object
 
 
+FORCE_ROWS = 6
+"""Rows of `ForceRows`."""
+
+
+@dataclass(frozen=True)
+class ForceRows:
+    """First index of each row of forces of teeth on a silent chain's pins, after all others."""
+
+    near_x: int  # at the pin itself [N]
+    near_y: int
+    next_x: int  # at the next pin, by the link between [N]
+    next_y: int
+    last_x: int  # at the pin before [N]
+    last_y: int
+
+
+@cache
+def force_rows(kind: BlockKind) -> ForceRows:
+    """The rows of forces of teeth on pins of a block with silent chains."""
+    before = shared_rows(kind.Real) + joint_rows(kind) + mass_rows(kind)
+    firsts = {field.name: (before + k) * kind.shape.slots for k, field in enumerate(fields(ForceRows))}
+    return type("ForceRows", (), firsts)
+
+
 def shared_rows(Real: type) -> int:
     """Rows of rollers that threads share: x, y, vx, vy, force (x, y), at float32 the low parts of x, y.
 
@@ -145,6 +169,7 @@ def _small_arrays(kind: BlockKind) -> dict[str, int]:
         "bands": sprockets,
         "guides": guides,
         "chains": chains,
+        "plates": chains * kind.silent,
         "boxes": 2 * chains,
         "friction": (sprockets + guides) * (kind.friction.contacts > 0),
         "chain_places": chains * several,
@@ -193,7 +218,8 @@ def block_memory(kind: BlockKind) -> BlockMemory:
     """The memory that a block of a kind needs."""
     fields = kind.types.Shared.vars
     parts = part_rows(kind) * kind.parts.bodies * parts_per_body(kind)
-    rows = (shared_rows(kind.Real) + joint_rows(kind) + mass_rows(kind)) * kind.shape.slots
+    rows = shared_rows(kind.Real) + joint_rows(kind) + mass_rows(kind) + kind.silent * FORCE_ROWS
+    rows *= kind.shape.slots
     seen = tally_places(kind)[-1] if kind.measuring else 0
 
     def needed(counts: Mapping[str, int]) -> int:
@@ -315,6 +341,7 @@ def shared_arrays(kind: BlockKind) -> wp.Function:
         shared.guides = found.guides(shared, place)
         shared.friction = found.friction(shared, place)
         shared.chains = found.chains(shared, place)
+        shared.plates = found.plates(shared, place)
         shared.boxes = found.boxes(shared, place)
         shared.chain_places = found.chain_places(shared, place)
         shared.contact_begins = found.contact_begins(shared, place)

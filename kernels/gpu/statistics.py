@@ -171,9 +171,10 @@ def tally_sum_kernel(Real: type) -> wp.Kernel:
         for p in range(drive.sprockets + drive.guides):
             at = drive.first_sprocket + drive.first_guide + p
             total = ContactSums()
-            for i in range(n):
+            count = wp.where(p < drive.sprockets, drive.points, 1) * n
+            for i in range(count):
                 total = merge_contact(total, contact_sums_of(tallies, memory + i))
             sums.contact[at] = total
-            memory = memory + n
+            memory = memory + count
 
     return without_contraction(add_tallies)

@@ -80,16 +80,16 @@ def toe_contact(xi: Any, lateral: Any, u: Any, length: Any, end: int, after: boo
     t = gap.half_pitch_tangent
     reach = t * (gap.pitch_radius + tip_e)
     away = wp.where(tip_t > reach, one, wp.where(tip_t < -reach, -one, zero))
-    inverse = one / (one + t * t)
-    cosine = wp.where(away == zero, one, (one - t * t) * inverse)
-    sine = away * (type(xi)(2.0) * t * inverse)
-    radius = gap.pitch_radius
-    tip_e, tip_t = rotated_to_gap(radius + tip_e, tip_t, cosine, sine)
-    begin_e, begin_t = rotated_to_gap(radius + begin_e, begin_t, cosine, sine)
-    middle_e, middle_t = rotated_to_gap(radius + middle_e, middle_t, cosine, sine)
-    u_e, u_t = rotated_to_gap(u[0], u[1], cosine, sine)
-    tip_e, begin_e, middle_e = tip_e - radius, begin_e - radius, middle_e - radius
-    w_e, w_t = -turn * u_t, turn * u_e
+    cosine, sine = (one - t * t) / (one + t * t), away * (type(xi)(2.0) * t / (one + t * t))
+    u_e, u_t = type(xi)(u[0]), type(xi)(u[1])
+    if away != zero:
+        radius = gap.pitch_radius
+        tip_e, tip_t = rotated_to_gap(radius + tip_e, tip_t, cosine, sine)
+        begin_e, begin_t = rotated_to_gap(radius + begin_e, begin_t, cosine, sine)
+        middle_e, middle_t = rotated_to_gap(radius + middle_e, middle_t, cosine, sine)
+        u_e, u_t = rotated_to_gap(u[0], u[1], cosine, sine)
+        tip_e, begin_e, middle_e = tip_e - radius, begin_e - radius, middle_e - radius
+        w_e, w_t = -turn * u_t, turn * u_e
     # places along the tooth's flank, outward from the foot of the seated pin's perpendicular
     tip_along = products(tip_e, gap.sin_half_seat, -turn * tip_t, gap.cos_half_seat)
     begin_along = products(begin_e, gap.sin_half_seat, -turn * begin_t, gap.cos_half_seat)
@@ -108,14 +108,16 @@ def toe_contact(xi: Any, lateral: Any, u: Any, length: Any, end: int, after: boo
     penetration = wp.where(on_corner, depth, penetration)
     n_e, n_t = wp.where(on_corner, m_e, n_e), wp.where(on_corner, m_t, n_t)
     x_e, x_t = wp.where(on_corner, corner_e, x_e), wp.where(on_corner, corner_t, x_t)
-    n_e, n_t = rotated_to_gap(n_e, n_t, cosine, -sine)
-    x_e, x_t = rotated_to_gap(x_e - middle_e, x_t - middle_t, cosine, -sine)
+    x_e, x_t = x_e - middle_e, x_t - middle_t
+    if away != zero:
+        n_e, n_t = rotated_to_gap(n_e, n_t, cosine, -sine)
+        x_e, x_t = rotated_to_gap(x_e, x_t, cosine, -sine)
     return penetration, type(u)(n_e, n_t), type(u)(x_e, x_t)
 
 
 @wp.func
 def seated_toe_contact(xi: Any, lateral: Any, u: Any, length: Any, end: int, after: bool, plate: Any, gap: Any):
-    """What `toe_contact` returns for an arc on the flank that it faces, and whether it is there (1, else 0)."""
+    """`toe_contact` of an arc on the flank that it faces, or of an open one; 1 where it is either, else 0."""
     turn = wp.where(after, plate.side, -plate.side)
     half = type(xi)(0.5) * length
     middle_e, middle_t = xi + half * u[0], lateral + half * u[1]

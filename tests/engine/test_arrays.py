@@ -24,7 +24,7 @@ from warpchain.results.schedule import Schedule
 
 KEPT = {
     "state": "rollers bodies body_stages wrenches tensioners pushes meters strands seat impact_speed "
-    "contact_hold damper_speed joint_hold hub_hold totals progress couplings",
+    "contact_hold damper_speed joint_hold hub_hold totals progress couplings push",
     "sums": "chain strand sprocket mount arm tensioner contact slip tension_counts "
     "chain_notes strand_notes sprocket_notes mount_notes shaft coupling gear valve",
     "tallies": "link impacts contacts missed dissipated friction impulse force_max roller body",

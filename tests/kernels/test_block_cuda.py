@@ -62,6 +62,7 @@ FORMS = {
     "several chains": partial(
         measuring, 8, BlockShape(32, 5), Parts(4, 2, arms=1, tensioners=1, tied=1, geared=1, chains=2)
     ),
+    "silent": partial(measuring, 8, BlockShape(32, 4), Parts(4, 2, chains=2), silent=True, friction=Friction(1)),
     "relax": lambda real: block_relax_kernel(BlockKind(real, FEW, Parts(2, 1)), 4),
 }
 CASES = [*product([75, 90], FORMS, ["float64", "float32"])]
@@ -69,6 +70,7 @@ USUAL = [
     (75, "several chains", "float32"),
     (90, "rk4, bending", "float64"),
     (90, "relax", "float64"),
+    (90, "silent", "float32"),
 ]
 """What the oldest takes newer ones take; each takes up to a minute, and `test_number` compiles more at float32."""
 

@@ -37,6 +37,7 @@ from warpchain.drive.drive_rules import (
     sprocket_rules,
     tensioner_rules,
     tooth_rules,
+    wheel_rules,
 )
 from warpchain.drive.guides import Guide
 from warpchain.drive.paths import changed_part, settable_paths, value_at_path
@@ -74,6 +75,7 @@ RULES = (
     size_rules,
     profile_rules,
     tooth_rules,
+    wheel_rules,
     face_rules,
     arm_rules,
     pivot_rules,
@@ -94,6 +96,7 @@ NUMBER_RULES = {
     pivot_rules: {"sprockets.center", "sprockets.mount", "arms.pivot"},
     profile_rules: {*PITCHES, *(f"guides.{key}" for key in ("offset", "radius", "arcs", "profile", "end_radius"))},
     tooth_rules: {*PITCHES, "sprockets", "chain.roller_radius", "chains.roller_radius"},
+    wheel_rules: {"chain", "chains", "sprockets"},
     face_rules: {*PITCHES, *(f"guides.{key}" for key in FACES)},
     tensioner_rules: {*PITCHES, "sprockets", "guides", "arms", "tensioners"},
     train_rules: {"chains", "sprockets", "shafts", "gears", "couplings"},

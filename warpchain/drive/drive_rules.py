@@ -21,6 +21,7 @@ from warpchain.drive.contact_settings import (
 )
 from warpchain.drive.guides import guide_profile
 from warpchain.drive.parts_by_chain import chain_of_part
+from warpchain.drive.plate import LEAST_TEETH, ROOT_DEPTH, gap_angle, toe_clearance
 from warpchain.drive.schema import (
     BARE,
     Problem,
@@ -227,6 +228,8 @@ PLACES = {
     "tensioners": ("at",),
     "probes": ("at",),
 }
+CLEARANCE_SLACK = 1e-9
+"""Overlap of seated toes and teeth by round-off, in pitches."""
 LEAST_LEVER = 1e-3
 """Least share of a tensioner's lever or direction [-]."""
 
@@ -327,6 +330,41 @@ def tooth_rules(drive: Any) -> Iterator[Problem]:
             yield Problem(
                 ("sprockets", s, "tooth", "tip_radius"), tip, f"must be beyond the pitch circle, {radius:.6g}"
             )
+
+
+def wheel_rules(drive: Any) -> Iterator[Problem]:
+    """Problems of wheels that a silent chain's toes do not fit."""
+    sides: dict[Any, tuple[str, str]] = {}
+    for s, sprocket in enumerate(node_list(drive, "sprockets")):
+        chain, teeth, wrap = chain_of_part(drive, sprocket), node_value(sprocket, "teeth"), node_value(sprocket, "wrap")
+        if chain is None or not chain.is_silent:
+            continue
+        if node_value(sprocket, "tooth") is not None:
+            text = "not together with a silent chain, whose plates set the teeth"
+            yield Problem(("sprockets", s, "tooth"), None, text, BARE)
+        if are_numbers(teeth) and teeth < LEAST_TEETH:
+            yield Problem(("sprockets", s, "teeth"), teeth, f"must be at least {LEAST_TEETH} with a silent chain")
+        elif are_numbers(teeth):
+            yield from (problem.nested_under("sprockets", s) for problem in _toe_rules(chain, teeth))
+        first, name = sides.setdefault(getattr(chain, "name", None), (wrap, node_value(sprocket, "name")))
+        if wrap != first:
+            text = f'must be "{first}", as of "{name}": the toes of a silent chain point to one side'
+            yield Problem(("sprockets", s, "wrap"), wrap, text)
+
+
+def _toe_rules(chain: Chain, teeth: int) -> Iterator[Problem]:
+    """Problems of a silent chain's toes on a wheel."""
+    plate = chain.plate
+    if gap_angle(plate, teeth) - math.pi / teeth <= 0.0:
+        most = math.ceil(math.tau / plate.flank_angle)
+        yield Problem(("teeth",), teeth, f"must be above {most}, with teeth whose flanks do not cross")
+    elif plate.depth >= ROOT_DEPTH * plate.pitch:
+        deepest = plate.toe_depths[1] - (plate.depth - ROOT_DEPTH * plate.pitch)
+        text = f"must fit toes of a silent chain, which reach a wheel's roots; toe_depths up to {deepest:.4g} fit"
+        yield Problem(("teeth",), teeth, text)
+    elif toe_clearance(plate, teeth, chain.pitch) < -CLEARANCE_SLACK * chain.pitch:
+        text = "must be a wheel that toes clear as links turn in: more teeth, flanks that begin deeper, or lower toes"
+        yield Problem(("teeth",), teeth, text)
 
 
 def _face_bend_rules(guide: Any, pitch: float) -> Iterator[Problem]:

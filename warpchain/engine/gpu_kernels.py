@@ -220,6 +220,7 @@ def chain_kind_columns(packed: PackedEnsemble) -> dict[str, NDArray[Any]]:
         "joints": packed.joint_friction_kinds,
         "links": np.where(packed.has_varied_links, 2, 1 - packed.has_uniform_links),
         "linear_hysteretic": packed.has_linear_hysteretic_contacts,
+        "silent": drives["points"] > 1,
     }
 
 
@@ -236,6 +237,7 @@ def block_kind(real: type, columns: Mapping[str, int], each: int, shared_bytes: 
         friction=Friction(int(columns["contacts"]), int(columns["joints"])),
         links=("alike", "lengths", "varied")[int(columns["links"])],
         linear_hysteretic=bool(columns["linear_hysteretic"]),
+        silent=bool(columns["silent"]),
     )
 
 

@@ -1,0 +1,79 @@
+"""Links of a block's silent chains as their flanks' contacts see them: place, motion, acceleration."""
+
+from dataclasses import dataclass
+from functools import cache
+from typing import Any
+
+import warp as wp
+
+from ..native import products
+from ..number import difference, leading_value
+from ..physics.link import roller_acceleration
+from .block_kinds import BlockKind
+from .block_structs import ThreadParts
+from .chains import chain_functions
+from .rollers import roller_functions
+from .toe_rows import toe_row_functions
+
+
+@dataclass(frozen=True)
+class ToeLinkFunctions:
+    """Links of one variant's silent chains."""
+
+    Link: Any
+    link_of_pin: wp.Function
+
+
+@cache
+def toe_link_functions(kind: BlockKind) -> ToeLinkFunctions:
+    """The functions that find links of silent chains of one variant on a block."""
+    Real, kinds = kind.Real, kind.types
+    State, Shared, vec2 = kinds.State, kinds.Shared, kinds.vec2
+    chains = chain_functions(kind)
+    rollers = roller_functions(kind)
+    toe_rows = toe_row_functions(kind)
+
+    @wp.struct
+    class Link:
+        """A link of a pin, its motion, and what it does to the pins."""
+
+        u: vec2  # unit vector from the pin into the link
+        length: Real  # [m]
+        turn: Real  # angular velocity [rad/s]
+        angular: Real  # angular acceleration [rad/s^2]
+        velocity: vec2  # of its middle [m/s]
+        acceleration: vec2  # of its middle [m/s^2]
+        middle: vec2  # from the wheel's center [m]
+
+    @wp.func
+    def pin_acceleration(state: State, shared: Shared, mine: ThreadParts, j: int):
+        """Acceleration of pin j by its links now, and by teeth as in the step before [m/s^2]."""
+        chain = chains.chain_at(shared, j)
+        force = rollers.force(shared, j) + toe_rows.force_before(state, shared, mine, j)
+        return roller_acceleration(force, chain.inverse_mass, chain.gravity)
+
+    @wp.func
+    def link_of_pin(state: State, shared: Shared, mine: ThreadParts, j: int, other: int, arm: vec2):
+        """Link from pin j, `arm` from the wheel's center, to pin `other`."""
+        d = leading_value(
+            difference(rollers.exact_position(shared.rows, other), rollers.exact_position(shared.rows, j))
+        )
+        v = rollers.velocity(shared.rows, j)
+        w = rollers.velocity(shared.rows, other) - v
+        a = pin_acceleration(state, shared, mine, j)
+        b = pin_acceleration(state, shared, mine, other) - a
+        link = Link()
+        link.length = wp.sqrt(products(d[0], d[0], d[1], d[1]))
+        inverse = Real(1.0) / link.length
+        link.u = inverse * d
+        link.turn = inverse * products(link.u[0], w[1], -link.u[1], w[0])
+        link.angular = inverse * products(link.u[0], b[1], -link.u[1], b[0])
+        link.velocity = v + Real(0.5) * w
+        link.acceleration = a + Real(0.5) * b
+        link.middle = arm + Real(0.5) * d
+        return link
+
+    return ToeLinkFunctions(
+        Link=Link,
+        link_of_pin=link_of_pin,
+    )

@@ -1,0 +1,208 @@
+"""The contacts of a block's silent chains with wheel teeth: four at a pin, with the flank ends of its two links.
+
+Forces go to rows of their own first, on the pin itself and on those beside it, until all threads have theirs: a pin's
+acceleration without them is that by its links, and by teeth as in the step before (`physics.toe`).
+"""
+
+from dataclasses import dataclass
+from functools import cache
+
+import warp as wp
+
+from ..native import load_constant, products, row_access
+from ..number import difference, leading_value
+from ..physics.contact import (
+    contact_energy,
+    memory_after_teeth,
+    normal_force,
+    reaction_moment,
+    relative_acceleration,
+    rotated_vector,
+    surface_velocity,
+)
+from ..physics.impact import law_at_roller
+from ..physics.toe import force_on_far_pin, point_mobility, toe_contact
+from ..physics.tooth import nearest_seat, tracked_seat_from
+from ..structs import Tallies
+from .block_kinds import BlockKind
+from .block_structs import ThreadParts
+from .chains import chain_functions
+from .contact_sums import contact_sum_functions
+from .contacts import contact_functions
+from .events import EXTRA
+from .rollers import roller_functions
+from .shared_memory import force_rows
+from .sync import sync_functions
+from .toe_links import toe_link_functions
+from .toe_rows import toe_row_functions
+from .wrench_parts import wrench_part_functions
+
+
+@dataclass(frozen=True)
+class ToeFunctions:
+    """Contacts of one variant's silent chains with wheel teeth."""
+
+    add_toe_forces: wp.Function
+
+
+@cache
+def toe_functions(kind: BlockKind) -> ToeFunctions:
+    """The functions that evaluate contacts of toes with the wheels of one variant on a block."""
+    Real, threads, rollers_per_thread = kind.Real, kind.shape.threads, kind.shape.rollers_per_thread
+    kinds, Now = kind.types, kind.types.Now
+    Ensemble, State, Shared = kinds.Ensemble, kinds.State, kinds.Shared
+    vec2, Pose = kinds.vec2, kinds.Pose
+    row, slots = force_rows(kind), kind.shape.slots
+    contacts = contact_functions(kind)
+    contact_sums = contact_sum_functions(kind)
+    chains = chain_functions(kind)
+    wrench_parts = wrench_part_functions(kind)
+    access, whole_access = row_access(Real), row_access(wp.int32)
+    rollers = roller_functions(kind)
+    sync = sync_functions(kind)
+    toe_links, toe_rows = toe_link_functions(kind), toe_row_functions(kind)
+
+    @wp.struct
+    class Pin:
+        """A pin in a tooth gap."""
+
+        number: wp.int32
+        sprocket: wp.int32
+        memory: wp.int32  # place of its contacts' memory
+        outward: vec2  # direction of the gap's seat
+        xi: Real  # from the seat along that [m]
+        lateral: Real  # and across
+        arm: vec2  # from the wheel's center [m]
+
+    @wp.struct
+    class End:
+        """A flank's end in a tooth gap."""
+
+        link: toe_links.Link
+        after: wp.bool  # the link is the one after the pin
+        memory: wp.int32  # place of the contact's memory
+        depth: Real  # [m]
+        normal: vec2
+        place: vec2  # from the link's middle [m]
+
+    @wp.func
+    def add_end_force(
+        state: State, tallies: Tallies, shared: Shared, mine: ThreadParts, now: Now, j: int, s: int, end: End
+    ):
+        """Adds the force of teeth of sprocket s on a flank's end at pin j to rows, and its reaction to the wheel."""
+        at, link, depth, normal, z = end.memory, end.link, end.depth, end.normal, end.place
+        body, law = shared.poses[s], shared.teeth[s].law
+        before = access.load(state.impact_speed, at)
+        push_at = chains.push_memory(shared, mine, j, at)
+        kept, size = memory_after_teeth(before), Real(0.0)
+        if depth > -law.ahead:
+            arm = link.middle + z
+            surface = leading_value(surface_velocity(body, arm))
+            relative = surface - link.velocity - link.turn * vec2(-z[1], z[0])
+            own = link.acceleration + link.angular * vec2(-z[1], z[0])
+            straight = vec2()
+            if wp.static(kind.moving):
+                straight = body.straight
+            more = relative_acceleration(straight, body.angular, arm, own)
+            mobility = point_mobility(z, normal, link.length)
+            inverse_mass = chains.chain_at(shared, j).inverse_mass
+            pushed = wp.where(before > Real(0.0), access.load(state.push, push_at), Real(0.0))
+            speed = products(relative[0], normal[0], relative[1], normal[1])
+            growth = products(more[0], normal[0], more[1], normal[1]) + inverse_mass * mobility * pushed
+            known = law_at_roller(contacts.specialized_law(shared, law, j), Real(1.0) / mobility, mobility)
+            mean, elastic, found, first, damper = normal_force(
+                depth, speed, growth, before, access.load(state.damper_speed, at), known
+            )
+            if mean > Real(0.0):
+                size, kept = found, first
+                pushes = size * normal
+                force, drag = pushes, vec2()
+                if wp.static(kind.friction.contacts):
+                    contact = contacts.Contact()
+                    contact.impact_speed = before
+                    contact.held_friction = access.load(state.contact_hold, at)
+                    drag, holds = contacts.friction_and_hold(now, size, normal, relative, contact, shared.friction[s])
+                    force = force + drag
+                    if now.stage == 0:
+                        access.store(state.contact_hold, at, holds)
+                far = force_on_far_pin(force, z, link.u, link.length)
+                toe_rows.add_pair(shared.rows, row.near_x, row.near_y, j, force - far)
+                if end.after:
+                    toe_rows.add_pair(shared.rows, row.next_x, row.next_y, j, far)
+                else:
+                    toe_rows.add_pair(shared.rows, row.last_x, row.last_y, j, far)
+                wrench_parts.add_wrench(shared, mine, s, j, reaction_moment(arm, force), force, now.measures)
+                wrench_parts.add_wrench_on_carrier(shared, mine, now, s, j, force)
+                if now.stage == 0:
+                    access.store(state.damper_speed, at, damper)
+                if now.flags & EXTRA != 0:
+                    extra = mine.first_roller + j
+                    state.extra[extra].energy = state.extra[extra].energy + contact_energy(mean, elastic, known)
+                    state.extra[extra].sprocket_force = state.extra[extra].sprocket_force + size
+                if wp.static(kind.measuring) and now.measures != 0:
+                    damping = contacts.dissipating_force(pushes, size - elastic, normal)
+                    taken, rubbed = contacts.dissipated_powers(mine, damping, drag, relative, more)
+                    contact_sums.add_powers(tallies, now, at, taken, rubbed)
+                    contact_sums.add_stored_energy(tallies, now, at, contact_energy(mean, elastic, known))
+                    contact_sums.add_force_and_counts(tallies, now, at, before, size, True)
+        if now.stage == 0:
+            access.store(state.push, push_at, size)
+            if kept != before:
+                access.store(state.impact_speed, at, kept)
+            if size == Real(0.0):
+                access.store(state.damper_speed, at, Real(0.0))
+
+    @wp.func
+    def add_link_forces(
+        state: State, tallies: Tallies, shared: Shared, mine: ThreadParts, now: Now, pin: Pin, after: bool
+    ):
+        """Adds the forces of teeth on the toe at a pin of the link after it, or before it."""
+        j, s, e = pin.number, pin.sprocket, pin.outward
+        other = chains.previous_roller(shared, j, mine.rollers)
+        if after:
+            other = chains.next_roller(shared, j, mine.rollers)
+        end = End()
+        end.link = toe_links.link_of_pin(state, shared, mine, j, other, pin.arm)
+        end.after = after
+        x, y = end.link.u[0], end.link.u[1]
+        u = vec2(products(x, e[0], y, e[1]), products(y, e[0], -x, e[1]))
+        plate = shared.plates[chains.chain_number(shared, j)]
+        for k in range(2):
+            depth, n, z = toe_contact(pin.xi, pin.lateral, u, end.link.length, k, after, plate, shared.teeth[s])
+            end.memory = pin.memory + k * chains.chain_length(shared, mine, j)
+            end.depth = depth
+            end.normal = rotated_vector(e, n[0], n[1])
+            end.place = rotated_vector(e, z[0], z[1])
+            add_end_force(state, tallies, shared, mine, now, j, s, end)
+
+    @wp.func
+    def add_toe_forces(
+        ensemble: Ensemble, state: State, tallies: Tallies, shared: Shared, mine: ThreadParts, now: Now, j: int, s: int
+    ):
+        """Adds the forces of teeth of sprocket s on the links at pin j to rows, and their reactions to the sprocket."""
+        teeth, body = shared.teeth[s], shared.poses[s]
+        p = difference(rollers.exact_position(shared.rows, j), body.center)
+        pin = Pin()
+        pin.number = j
+        pin.sprocket = s
+        pin.memory = chains.contact_memory(shared, mine, j, s)
+        pin.arm = leading_value(p)
+        kept = whole_access.load(state.seat, pin.memory)
+        number = kept
+        if number < 0:
+            number = nearest_seat(pin.arm, leading_value(body.cosine), leading_value(body.sine), teeth.teeth)
+        found, e, xi, lateral = tracked_seat_from(
+            p, number, load_constant(ensemble.seats, teeth.first_seat + number), body, teeth, ensemble.seats
+        )
+        if found != kept:
+            whole_access.store(state.seat, pin.memory, found)
+        pin.outward = e
+        pin.xi = xi
+        pin.lateral = lateral
+        add_link_forces(state, tallies, shared, mine, now, pin, True)
+        pin.memory = pin.memory + 2 * chains.chain_length(shared, mine, j)
+        add_link_forces(state, tallies, shared, mine, now, pin, False)
+
+    return ToeFunctions(
+        add_toe_forces=add_toe_forces,
+    )
