@@ -28,8 +28,8 @@ if TYPE_CHECKING:
 
 ARCHIVE_COLUMNS = ("archive", "archive_variant")
 """Columns of a recorded variant's archive file and number."""
-ADJUSTMENT_COLUMNS = ("adjusted_links", "adjusted_travel")
-"""Columns of adjustments: number of links, sprocket travel [m]."""
+ADJUSTMENT_COLUMNS = {"adjusted_links": "", "adjusted_travel": "m"}
+"""Units of the columns of adjustments: number of links, sprocket travel."""
 CHAIN_ADJUSTMENT_ENDINGS = tuple(f".{name}" for name in ADJUSTMENT_COLUMNS)
 """Ends of chains' adjustment columns."""
 TODAY_COLUMN = "today"
@@ -117,6 +117,12 @@ class Results:
         if not self.has_replicates:
             return np.ones(self.table.num_rows, dtype=np.int64)
         return np.asarray(self.table[COUNT_COLUMN].to_numpy(), dtype=np.int64)
+
+    @property
+    def adjustment_columns(self) -> tuple[str, ...]:
+        """Columns of what `[adjust]` chose, of several chains each's."""
+        names = self.table.column_names
+        return tuple(n for n in names if n in ADJUSTMENT_COLUMNS or n.endswith(CHAIN_ADJUSTMENT_ENDINGS))
 
     @property
     def has_replicates(self) -> bool:

@@ -273,6 +273,7 @@ def _recommended_design(
     over, today = isinstance(results, Designs), results.row_of_today
     if row == today:
         lines.append("today's design, the base drive as it is")
+    lines += _adjustment_lines(results, row)
     if not results.ok[row]:
         lines.append(f"{results.status[row]}: {results.reason(row)}")
     if isinstance(results, Designs) and results.bounds:
@@ -306,6 +307,17 @@ def _recommended_design(
         spreads,
         {} if today in (None, row) else _metric_changes(results, judged, today, row),
     )
+
+
+def _adjustment_lines(results: Results, row: int) -> list[str]:
+    """A line on the links and the travel that `[adjust]` chose for a row, where it did."""
+    chosen = []
+    for name in results.adjustment_columns:
+        value = results.table[name][row].as_py()
+        if value is not None:
+            chosen.append(f"{name} {quantity_words(value, results.column_unit(name))}")
+    run = " for its worst run" if isinstance(results, Designs) else ""
+    return [f"[adjust] chose{run} {', '.join(chosen)}"] if chosen else []
 
 
 def _metric_changes(results: Results, judged: JudgedRows, before: int, after: int) -> dict[str, MetricChange]:

@@ -153,7 +153,7 @@ def recommended_section(
     letters, rows = [letter for letter, _ in shown], [one.row for _, one in shown]
     if isinstance(results, Designs):
         parts.append(panels.panels_html(panels.noise_panels(results, rows, letters), "runs over the noise"))
-    columns = tuple(dict.fromkeys((*goals.named_metrics, *results.factors)))
+    columns = tuple(dict.fromkeys((*goals.named_metrics, *results.factors, *results.adjustment_columns)))
     parts.append(variants_table_html(results, rows, columns, letters))
     return html.page_section("designs", "Recommended designs", *parts), found
 
