@@ -53,6 +53,8 @@ NOISE, TIED_NOISE = "noise", "tied noise"
 """Kinds of factors in metadata: noise, and tied to noise."""
 DISTRIBUTION_KEY = "distribution"
 """Key of a factor's distribution in metadata."""
+EXPRESSION_KEY = "expression_of"
+"""Key in metadata of the factors, a JSON list, of which a factor is an expression."""
 SEARCH_TARGET_KEY = "search_target"
 """Key of a search's target in field metadata."""
 ROUND_COLUMN = "round"
@@ -262,11 +264,23 @@ class Results:
         """Names of factors that hold numbers and vary."""
         return tuple(f for f in self.factors if self.is_numeric(f) and is_varying(self.values(f)))
 
+    def expression_factors(self) -> dict[str, tuple[str, ...]]:
+        """Factors that are expressions of others in the table, each with these."""
+        found = {}
+        for name in self.factors:
+            noted = (self.table.schema.field(name).metadata or {}).get(EXPRESSION_KEY.encode(), b"[]")
+            others = tuple(json.loads(noted))
+            if others and set(others) <= set(self.factors):
+                found[name] = others
+        return found
+
     def factor_ties(self) -> dict[str, str]:
-        """Names of factors that depend linearly on an earlier one's."""
+        """Factors that follow from others, by name: expressions of these, or linear in an earlier one."""
         kept: dict[str, Array] = {}
-        tied: dict[str, str] = {}
+        tied = {name: " and ".join(others) for name, others in self.expression_factors().items()}
         for name in self.numeric_factors():
+            if name in tied:
+                continue
             x = _standardized_values(self.values(name))
             with_one = next((other for other, y in kept.items() if abs(float(x @ y)) > 1.0 - 1e-9), None)
             if with_one is None:
