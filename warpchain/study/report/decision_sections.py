@@ -191,7 +191,7 @@ def _findings_of_designs(
     results: Results, found: Sequence[RecommendedDesign], wanted: ReportGoals
 ) -> dict[str, list[str]]:
     """Findings of `check` by design's letter; none without the study's files."""
-    if wanted.folder is None or wanted.page is None:
+    if wanted.folder is None or not has_study_files(wanted.folder):
         return {}
     made = _built_designs(wanted.folder, results, found)
     return {
