@@ -64,7 +64,7 @@ def explanation_lines(text: str) -> list[str]:
 
 
 def _name_lines(name: str) -> Iterator[str]:
-    """Lines on a name as a metric, and as a key, bare or after those of the tables above it."""
+    """Lines on a name as a metric, a column, and a key behind those of its tables."""
     from warpchain.results.metric_columns import column_of_metric
 
     if column := column_of_metric(name):
@@ -77,7 +77,7 @@ def _name_lines(name: str) -> Iterator[str]:
 
 
 def _tables_by_description(key: str) -> dict[str, list[str]]:
-    """Descriptions of a key of drive and study files, each with the kinds of tables that it is for."""
+    """Tables that have a key of drive and study files, by its description there."""
     found: dict[str, list[str]] = {}
     for kind, table in _table_schemas().items():
         if key in table.get("properties", {}):

@@ -97,7 +97,7 @@ def fit_drive_file(arguments: Namespace) -> list[str]:
 
 
 def _check_wrap(arguments: Namespace, moving: bool) -> None:
-    """Refuses `warpchain fit`'s wanted wrap without a sprocket to move, or beside what its place decides."""
+    """Refuses a wanted wrap without a sprocket to move, or beside what its place decides."""
     if arguments.wrap is None and arguments.around is not None:
         raise DriveError("--around: needs --wrap")
     if arguments.wrap is not None and not moving:
@@ -108,7 +108,7 @@ def _check_wrap(arguments: Namespace, moving: bool) -> None:
 
 
 def _wanted_arm_angle(drive: Drive, arguments: Namespace) -> dict[str, float] | None:
-    """Wanted angle [degrees] of an arm by its name, for `warpchain fit`; None where none is asked for."""
+    """Wanted angle [degrees] of an arm by its name; None without one."""
     if arguments.angle is None:
         if arguments.arm is not None:
             raise DriveError("--arm: needs --angle")

@@ -28,7 +28,7 @@ DAMPING_RATIO = 0.02
 SAMPLES_A_TOOTH, SAMPLE_RATE, CIRCUITS = 20.0, 2000.0, 2.2
 """Samples a tooth of the driver, sampling rate without its speed [Hz], circuits of the chain in a run.
 
-The latter half of these, whose metrics count, is a circuit at least, whatever rounding takes off."""
+The window, half of these, is a circuit at least, however they are rounded."""
 
 
 FREE_KEYS = {

@@ -125,7 +125,7 @@ def _write_differences(node: Any, before: Any, after: Any, digits: int, comments
 
 
 def _drop_comment(node: Any, key: str) -> None:
-    """Drops the comment behind a value of a tomlkit table; that behind a table's name stays."""
+    """Drops the comment behind a value of a tomlkit table."""
     from tomlkit.container import Container
     from tomlkit.items import AoT, Item, Table
 

@@ -197,7 +197,7 @@ def recommend_rows(results: Results, judged: JudgedRows, most: int = 4) -> list[
 
 
 def _simulated_rival(results: Results, judged: JudgedRows, best: int, m: int) -> str:
-    """Words on a variant that was simulated better than the best by estimate, luck taken out; "" without one."""
+    """Words on a variant that was simulated better than the best by estimate; "" without one."""
     run = np.where(judged.held & np.isfinite(judged.measured[:, m]), judged.measured[:, m], np.inf)
     rival = int(np.argmin(run))
     if not run[rival] < judged.measured[best, m]:
@@ -310,7 +310,7 @@ def _recommended_design(
 
 
 def _adjustment_lines(results: Results, row: int) -> list[str]:
-    """A line on the links and the travel that `[adjust]` chose for a row, where it did."""
+    """A line on the links and the travel that `[adjust]` chose for a row, if any."""
     chosen = []
     for name in results.adjustment_columns:
         value = results.table[name][row].as_py()
