@@ -68,6 +68,14 @@ def test_sags_are_those_that_check_shows(tmp_path, capsys):
     assert f"{strand} {sag} mm" in free and f"{strand} {sag} mm" not in held
 
 
+@pytest.mark.parametrize("name", ["hoist", "bucket_elevator", "v6"])
+def test_sags_of_open_upright_and_several_chains(tmp_path, capsys, name):
+    """Of an open chain the strands, of an upright one next to nothing, of several each chain behind its name."""
+    words = ["--links", *(["--chain", "left"] if name == "v6" else [])]
+    status, out, _ = run(capsys, "fit", name, "-o", tmp_path / "drive.toml", *words)
+    assert status == 0 and any("sag at rest, as check has it: " in line for line in out)
+
+
 def test_links_without_an_arm_tell_it_too(tmp_path, capsys):
     # two sprockets of 20 teeth 20.3 pitches apart: 60 links are taut by 0.3 / 20, odd numbers are not asked for
     path = tmp_path / "drive.toml"

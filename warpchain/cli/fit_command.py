@@ -174,7 +174,8 @@ def _chain_fit_lines(model: ChainModel) -> list[str]:
     assembly = assemble_chain(model)
     state = "taut" if assembly.strain >= 0.0 else "slack"
     preload = max(0.0, model.chain.mean_stiffness * model.chain.pitch * assembly.strain)
-    held = {k: strand_sag(model, assembly, k) for k, string in enumerate(assembly.path.strings) if string is None}
+    free = [k for k in range(len(model.strand_names)) if assembly.path.strings[k] is None]
+    held = {k: strand_sag(model, assembly, k) for k in free}
     resting = resting_sags(model, assembly, at_rest(model, assembly)) if held else {}
     arms = ", ".join(
         f"{arm.name} {math.degrees(angle):.4g}" for arm, angle in zip(model.arms, assembly.arm_angle, strict=True)
