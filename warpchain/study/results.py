@@ -197,7 +197,7 @@ class Results:
 
         noted = (self.table.schema.field(name).metadata or {}).get(b"unit")
         unit = noted.decode() if noted else unit_of_metric(name) if name in self.metrics else ""
-        return "" if unit == "1" else unit
+        return "" if unit in ("1", "-") else unit
 
     @property
     def noise_factors(self) -> tuple[str, ...]:
