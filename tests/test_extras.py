@@ -1,12 +1,10 @@
-"""Extras: which modules they bring, asked for before work begins, installed from where this copy came from."""
+"""Extras: which modules they bring, asked for before work begins, installed by the name of the package."""
 
-import json
 import re
 import sys
 import tomllib
 from importlib.metadata import packages_distributions
 from pathlib import Path
-from types import SimpleNamespace
 
 import pytest
 from command import refused
@@ -40,21 +38,10 @@ def test_the_page_on_installing_lists_all_extras():
     assert {name for row in rows for name in re.findall(r"`(\w+)`", row)} == set(OPTIONAL) - {"test", "release"}
 
 
-@pytest.mark.parametrize(
-    ("origin", "command"),
-    [
-        (None, "pip install 'warpchain[dxf]'"),
-        ({"url": "https://example.org/warpchain.whl"}, "pip install 'warpchain[dxf]'"),
-        ({"url": "file:///home/me/my%20chains", "dir_info": {}}, "pip install '/home/me/my chains[dxf]'"),
-        ({"url": "file:///src", "dir_info": {"editable": True}}, "pip install -e '/src[dxf]'"),
-    ],
-    ids=["index", "wheel", "checkout", "editable"],
-)
-def test_an_extra_is_installed_from_where_this_copy_came_from(monkeypatch, origin, command):
-    text = None if origin is None else json.dumps(origin)
-    files = {"direct_url.json": text}
-    monkeypatch.setattr(extras, "distribution", lambda name: SimpleNamespace(read_text=files.__getitem__))
-    assert extras.install_command("dxf") == command
+def test_an_extra_is_installed_by_the_package_s_name_wherever_it_came_from(monkeypatch):
+    monkeypatch.setitem(extras.EXTRA_MODULES, "dxf", ("no_such_module",))
+    with pytest.raises(ValueError, match=r"^a DXF file: needs no_such_module; .* pip install 'warpchain\[dxf\]'$"):
+        extras.require_extra("dxf", "a DXF file", ValueError)
 
 
 @pytest.mark.parametrize(

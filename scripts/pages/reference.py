@@ -6,8 +6,8 @@ from collections.abc import Iterator
 from typing import Any, get_args
 
 import warpchain
-from pages.tables import markdown_table
-from warpchain.cli.output_schema import output_schema
+from pages.tables import markdown_table, output_table
+from warpchain.cli.output_schema import described_values, output_schema
 from warpchain.cli.parser import command_line_parser as command_line
 from warpchain.drive import Drive
 from warpchain.drive.json_schema import drive_schema, schema_text
@@ -112,6 +112,17 @@ def commands_page() -> str:
     return "\n".join(lines)
 
 
+def output_page() -> str:
+    """The keys that `check` and `run` print of a chain with `--json`."""
+    one, _ = output_schema()["anyOf"]
+    about = (
+        "Of a chain, in SI units, as `warpchain check DRIVE --json` prints them; KIND stands for each of the objects "
+        "beside it. [JSON for scripts](../scripts.md) has the others; for programs, "
+        "[output.schema.json](output.schema.json)."
+    )
+    return "\n".join(["# Keys of JSON output", "", about, "", output_table(described_values(one))])
+
+
 def python_pages() -> dict[str, str]:
     """Pages that mkdocstrings fills from the docstrings: `warpchain` itself, and the modules of `MODULES`."""
     things = [getattr(warpchain, name) for name in warpchain.__all__ if not name.startswith("__")]
@@ -137,6 +148,7 @@ def reference_pages() -> dict[str, str]:
         "drive.schema.json": schema_text(drive_schema()),
         "study.schema.json": schema_text(study_schema()),
         "output.schema.json": schema_text(output_schema()),
+        "output-keys.md": output_page(),
         "commands.md": commands_page(),
         **python_pages(),
     }

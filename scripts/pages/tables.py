@@ -138,24 +138,23 @@ def without_repeats(rows: Iterable[tuple[str, str, str]]) -> list[tuple[str, str
 
 
 def output_tables() -> dict[str, str]:
-    """The tables of the keys of `--json`: of each output, of one chain, of several, and of a run."""
+    """The tables of the keys of `--json`: of each output, of several chains, and of a run."""
     schema = output_schema()
     rows = list(described_values(schema))
     of_run = [row for row in rows if re.split(r"[.\[]", row[0])[0] in schema["dependentRequired"]]
     one, several = (list(described_values(of)) for of in schema["anyOf"])
     parts = {
         "output_head": [row for row in rows if row not in of_run],
-        "output_chain": one,
         "output_chains": [row for row in several if row not in one],
         "output_run": of_run,
     }
-    return {
-        name: markdown_table(
-            ("key [unit]", "what it is"),
-            [(with_unit(f"`{key}`", unit), text.removesuffix(STEADY)) for key, unit, text in without_repeats(found)],
-        )
-        for name, found in parts.items()
-    }
+    return {name: output_table(found) for name, found in parts.items()}
+
+
+def output_table(rows: Iterable[tuple[str, str, str]]) -> str:
+    """A table of keys of `--json` from key, unit and description of each."""
+    found = [(with_unit(f"`{key}`", unit), text.removesuffix(STEADY)) for key, unit, text in without_repeats(rows)]
+    return markdown_table(("key [unit]", "what it is"), found)
 
 
 def made_tables() -> dict[str, str]:

@@ -54,6 +54,28 @@ def test_a_chain_that_breaks_at_assembly_is_told(file, capsys):
     assert line in run(capsys, "check", path)[1]
 
 
+def test_sags_are_those_that_check_shows(tmp_path, capsys):
+    """Beside an idler the strands differ in length: free sprockets turn until tensions are equal."""
+    path = tmp_path / "drive.toml"
+    words = ["--size", "08B", "--teeth", 19, 17, 38, "--centers", 0, 0, 0.35, 0.15, 0.7, 0]
+    assert run(capsys, "new", path, *words)[0] == 0
+    status, out, _ = run(capsys, "fit", path, "--sprocket", "idler", "--along", "0,1", "--sag", 0.002)
+    free, held = (line for line in out if line.startswith("sag "))
+    assert status == 0 and held.startswith("sag while all sprockets are held, as --sag means it: driver->idler ")
+    assert held.endswith("driven->driver 2 mm")
+    (checked,) = [line for line in run(capsys, "check", path)[1] if line.startswith("sag: ")]
+    strand, sag = checked.removeprefix('sag: slack strand "').split(" mm at rest")[0].split('", ')
+    assert f"{strand} {sag} mm" in free and f"{strand} {sag} mm" not in held
+
+
+@pytest.mark.parametrize("name", ["hoist", "bucket_elevator", "v6"])
+def test_sags_of_open_upright_and_several_chains(tmp_path, capsys, name):
+    """Of an open chain the strands, of an upright one next to nothing, of several each chain behind its name."""
+    words = ["--links", *(["--chain", "left"] if name == "v6" else [])]
+    status, out, _ = run(capsys, "fit", name, "-o", tmp_path / "drive.toml", *words)
+    assert status == 0 and any("sag at rest, as check has it: " in line for line in out)
+
+
 def test_links_without_an_arm_tell_it_too(tmp_path, capsys):
     # two sprockets of 20 teeth 20.3 pitches apart: 60 links are taut by 0.3 / 20, odd numbers are not asked for
     path = tmp_path / "drive.toml"

@@ -31,6 +31,9 @@ def test_the_file_passes_check(capsys, tmp_path, words):
     drive = load_drive(path)
     assert abs(assemble(drive).strain) < 1e-8 and drive.chain.links % 2 == 0
     assert {sprocket.name for sprocket in drive.sprockets} >= {"driver", "driven"}
+    # the window, which is the latter half of the run, has all links pass the driver once
+    driver = drive.sprockets[drive.driver]
+    assert 0.5 * drive.run.duration >= drive.chain.links / driver.teeth * math.tau / Model(drive).driver_speed
     # and nothing but the last center moved, by less than a pitch
     asked = words[words.index("--centers") + 1 :]
     held = [x for sprocket in drive.sprockets for x in sprocket.center]

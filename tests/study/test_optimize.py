@@ -326,6 +326,8 @@ def test_the_command_tells_what_to_build_and_how_to_play_it(whole, capsys):
     assert f"play it: warpchain view {found.archives[0][0]} --variant {found.recommended[0].variant}" in out
     assert "±" in out and "torque = " in out
     assert Path(found.drives[0]).is_file()
+    looks = [line for line in run(capsys, "check", found.drives[0])[1] if line.startswith("LOOK AT")]
+    assert looks and all(f"  {line}" in lines for line in looks)
 
 
 def test_any_variant_can_be_played(whole, tmp_path, capsys):
@@ -360,6 +362,7 @@ def test_a_search_has_a_report(whole, tmp_path):
     assert f"A: variant {found.recommended[0].variant}" in page
     assert f"warpchain study play {folder} {found.recommended[0].variant}" in page
     assert "Limits: tension_std at most 900 N" in page
+    assert "<li>LOOK AT " in page  # as `check` of its drive file says
 
 
 def test_python_of_the_documents_runs(tmp_path, monkeypatch):

@@ -307,7 +307,7 @@ LONG = [f"tensioner {part} of the upper blade" for part in ("preload", "stiffnes
 
 @pytest.mark.long
 def test_on_a_phone_nothing_is_beside_the_screen(page, tmp_path):
-    """200 rows and 12 factors, 390 px wide: no word ends right of the screen, nor in a box that would scroll."""
+    """200 rows, 12 factors, 390 px wide: no word of text ends right of the screen, nor in a box that would scroll."""
     random = np.random.default_rng(5)
     names = [*LONG, "law", *(f"factor {k}" for k in range(7))]
     table = {name: random.random(200) for name in names} | {"law": random.choice(["lankarani", "kelvin-voigt"], 200)}
@@ -339,6 +339,9 @@ def test_on_a_phone_nothing_is_beside_the_screen(page, tmp_path):
         assert page.value(BESIDE) == page.value(CUT) == ""
         assert page.value("getComputedStyle(document.querySelector('#front td'), '::before').content") == '"variant"'
         assert page.value("document.querySelector('#parallel').getBoundingClientRect().width") > 300
+        heat = "document.querySelector('#correlation svg')"  # as large as on a desk, in a box that scrolls
+        assert page.value(f"{heat}.getBoundingClientRect().width == {heat}.getAttribute('width')")
+        assert page.value(f"{heat}.closest('figure').getBoundingClientRect().width") < 390
         rules = "const all = document.styleSheets[0], of = (k) => all.cssRules[k].conditionText || '';"
         phone = "for (let k = all.cssRules.length - 1; k >= 0; k--) if (of(k).includes('max-width')) all.deleteRule(k);"
         page.value(f"(() => {{ {rules} {phone} }})()")

@@ -3,8 +3,10 @@
 import math
 
 import pytest
+from command import refused, run
 from drives import example
 from layouts import PITCH, Placed, drive_of
+from study_helpers import LIMITS, STUDY, write_study
 
 from warpchain.assembly import assemble
 from warpchain.assembly.arm_balance import chain_path
@@ -96,6 +98,23 @@ def test_strain_of_a_preload_is_preload_over_stiffness_and_pitch():
     drive, _ = adjusted(pair(0.2), Adjust(sprocket="s1", direction=(1.0, 0.0), preload=127.0), {})
     assert assemble(drive).strain == pytest.approx(127.0 / (1e7 * PITCH), abs=1e-9)
     assert math.isclose(drive.sprockets[1].center[0], 16 * PITCH * 1.001, abs_tol=1e-9)
+
+
+def test_what_was_adjusted_is_shown_and_can_be_limited(tmp_path, capsys):
+    """Strands of (links - 12) / 2 pitches of 12.7 mm without strain: 203.2 mm of 44 links, 209.55 of 45, drawn 200."""
+    more = '[adjust]\nsprocket = "s1"\ndirection = [1.0, 0.0]\nstrain = 0.0\n[[objectives]]\nmetric = "tension_max"\n'
+    text = STUDY.replace(LIMITS, f'{LIMITS}[[limits]]\nmetric = "adjusted_travel"\nmin = "5 mm"\n').replace(
+        LIMITS, f"[[limits]]{LIMITS.removeprefix('[limits]')}"
+    )
+    path, out, page = write_study(tmp_path, more, 2, text=text), tmp_path / "out", tmp_path / "page.html"
+    assert run(capsys, "study", "run", path, "-o", out)[0] == 0
+    assert run(capsys, "study", "report", out, "-o", page)[0] == 0
+    assert "[adjust] chose adjusted_travel 9.5" in page.read_text()
+    assert "adjusted_travel at least 5 mm" in page.read_text()
+    links = write_study(
+        tmp_path, more, 2, text=text.replace("adjusted_travel", "adjusted_links").replace('"5 mm"', "5")
+    )
+    assert '"adjusted_links": no such metric' in refused(capsys, "study", "run", links, "-o", tmp_path / "links")
 
 
 @pytest.mark.parametrize("links", [None, "even", "any"])

@@ -9,15 +9,18 @@ import numpy as np
 import pyarrow as pa
 import pytest
 from command import refused, run
+from study_helpers import LINKS, STUDY, write_study
 from view.html_page import Page
 
 from warpchain.errors import StudyError
 from warpchain.results.units import distinguishing_decimals
 from warpchain.study.analysis import main_effects
+from warpchain.study.design import make_design
 from warpchain.study.report import study_report_html, telling_metrics
 from warpchain.study.report.decision_sections import ReportGoals
 from warpchain.study.report.panels import surrogate_panels
 from warpchain.study.results import export_table, read_results
+from warpchain.study.spec import load_study
 from warpchain.study.spec.study_tables import Bound, Objective
 from warpchain.study.surrogate import best_surrogate
 from warpchain.view.html import column_number, engineering_number, table_html
@@ -92,6 +95,22 @@ def test_words_and_switches_alone_make_a_page():
         assert "Effects and interactions" in html
         # switches count as the numbers 0 and 1, words do not
         assert ("no factor holds numbers that vary" in html) == ("settle" not in factors)
+
+
+def test_a_factor_that_is_an_expression_of_others_is_no_cause(tmp_path):
+    """torque and share decide; their product varies with both, not linearly with either."""
+    both = 'name = "both"\nexpression = "torque * share"\npath = "sprockets.s1.inertia"'
+    share = 'name = "share"\nrange = [0.0, 1.0]\npoints = 6'
+    more = f"[[factors]]\n{both}\n[[factors]]\n{share}\n"
+    source = write_study(tmp_path, more, text=STUDY.replace(LINKS, ""))
+    table = make_design(load_study(source), source)
+    torque, share = (np.array(table[name].to_pylist()) for name in ("torque", "share"))
+    table = table.append_column("tension_max", pa.array(3.0 + torque + 2.0 * torque * share))
+    results = read_results(table.drop_columns(["status", "reason"]))
+    assert results.factors == ("torque", "both", "share") and results.independent_factors() == ("torque", "share")
+    assert {effect.factor for effect in main_effects(results, "tension_max")} == {"torque", "share"}
+    page = study_report_html(results)
+    assert page.count("Left out, as expressions of other factors: both (of torque and share).") == 2
 
 
 def test_scatter_without_a_cause_is_called_that():

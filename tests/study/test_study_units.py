@@ -10,7 +10,8 @@ from warpchain.drive.path_units import path_unit
 from warpchain.drive.quantities import unit_of_key
 from warpchain.errors import StudyError
 from warpchain.study.design.design_table import make_design
-from warpchain.study.spec import dumps_study, loads_study
+from warpchain.study.results import read_results
+from warpchain.study.spec import dumps_study, load_study, loads_study
 
 TEXT = STUDY.replace("points = {points}", "points = 3").replace("shard = {shard}", "shard = 4")
 
@@ -183,3 +184,13 @@ def test_tables_have_the_unit_of_the_path(tmp_path):
     found = study(RANGE, f'{RANGE}\nunit = "Nm"')
     assert found.factors[0].display_unit == "Nm"
     assert study(RANGE, f"{RANGE}\nrelative = true").factors[0].display_unit == ""
+
+
+def test_a_ratio_is_shown_without_a_unit(tmp_path):
+    """The path's unit is "-", as in metadata; pages and lines have the number alone."""
+    mu = '[[factors]]\nname = "mu"\npath = "contact.sprocket.restitution"\nrange = [0.1, 0.3]\npoints = 2\n'
+    (tmp_path / "tiny.toml").write_text(dumps_drive(tiny_drive()))
+    source = tmp_path / "study.toml"
+    source.write_text(STUDY.format(points=2, shard=1) + mu)
+    results = read_results(make_design(load_study(source), source).drop_columns(["status", "reason"]))
+    assert [results.column_unit(name) for name in ("torque", "mu")] == ["N m", ""]

@@ -213,12 +213,22 @@ def test_the_page_in_a_browser(page, tmp_path):
             assert shown.value("document.scrollingElement.scrollWidth") == width
             assert shown.value("[...document.querySelectorAll('section')].every((s) => s.innerText.length > 20)")
         image = "document.querySelector('details.figure img').getBoundingClientRect().width"
-        assert shown.value(image) < 390
+        assert shown.value(image) == 640  # legible, and the box scrolls
+        assert shown.value("document.querySelector('details.figure summary').getBoundingClientRect().width") < 390
+        shown.value("document.querySelectorAll('#metrics details').forEach((part) => { part.open = true; })")
+        table = "document.querySelector('#metrics table')"
+        assert shown.value(f"{table}.getBoundingClientRect().width") > 390
+        assert shown.value(f"{table}.parentElement.getBoundingClientRect().width") < 390
+        assert shown.value("document.scrollingElement.scrollWidth") == 390
+        name = f"{table}.querySelector('td').getBoundingClientRect()"
+        assert shown.value(f"{name}.width") < 160
+        shown.value(f"{table}.parentElement.scrollLeft = 100")
+        assert shown.value(f"{name}.left >= {table}.parentElement.getBoundingClientRect().left")  # names stay
         shown.value("document.querySelector('details.figure summary').click()")
         assert shown.value(image) == float(re.search(r'width="(\d+)"', page)[1]) > 390
         assert shown.value("document.scrollingElement.scrollWidth") == 390
         shown.value("document.querySelector('details.figure summary').click()")
-        assert shown.value(image) < 390
+        assert shown.value(image) == 640
         grounds = []
         for scheme in ("light", "dark"):
             features = [{"name": "prefers-color-scheme", "value": scheme}]

@@ -89,12 +89,20 @@ def wear_rate(model: ChainModel, tensions: Sequence[float], speed: float) -> flo
     return circuits * WEAR_COEFFICIENT / (chain.joint_area * chain.pitch) * chain.pin_radius * max(turned, 0.0)
 
 
+def resting_sags(model: ChainModel, assembly: Assembly, resting: Steady) -> dict[int, float]:
+    """Sag at rest of each strand that lies on no guide [m], sprockets free; none without gravity or rest."""
+    if resting.failure or not any(model.run.gravity):
+        return {}
+    strands = range(len(model.strand_names))
+    return {k: abs(float(resting.displacement[k])) for k in strands if assembly.path.strings[k] is None}
+
+
 def resting_sag(model: ChainModel, assembly: Assembly, strands: Strands, resting: Steady) -> dict[str, Any] | None:
     """Sag at rest of the strand slackest at work [m]; None on guides, without gravity or rest."""
     k = min(range(len(strands)), key=lambda k: float(strands[k]["working_tension"]))
-    if resting.failure or assembly.path.strings[k] is not None or not any(model.run.gravity):
+    hangs, length = resting_sags(model, assembly, resting).get(k), float(strands[k]["length"])
+    if hangs is None:
         return None
-    hangs, length = abs(float(resting.displacement[k])), float(strands[k]["length"])
     moved = 4.0 / math.sqrt(3.0) * hangs  # (d)
     return {"strand": strands[k]["name"], "sag": hangs, "length": length, "movement": moved, "slack": moved / length}
 

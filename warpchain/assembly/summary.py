@@ -32,6 +32,7 @@ from warpchain.drive.catalogue import CHAINS, ELONGATION_AT_BREAKING_LOAD
 from warpchain.drive.stiffness import contact_rebound
 from warpchain.drive.thermal import Expansion, expansion_factor
 from warpchain.drive.viscosity import REFERENCE
+from warpchain.errors import DriveError
 from warpchain.model import ChainModel, Model
 from warpchain.model.friction_coefficients import guide_friction_coefficients, tooth_friction_coefficients
 from warpchain.model.mounts import has_active_mount, mount_frequencies, moving_mass, wheel_force
@@ -666,6 +667,25 @@ def _text_of_chains(values: dict[str, Any]) -> list[str]:
     return [*lines, *_valve_lines(values), *_step_lines(values)]
 
 
+def check_findings(drive: Drive) -> list[str]:
+    """Lines `LAYOUT` and `LOOK AT` of `check` for a drive, or the line that refuses it."""
+    try:
+        return finding_lines(derive(drive))
+    except DriveError as error:
+        return [str(error)]
+
+
+def finding_lines(values: dict[str, Any]) -> list[str]:
+    """Lines on layout faults and advice; of several chains each behind its name."""
+    if "chains" in values:
+        each = values["chains"].items()
+        return [f'chain "{name}": {line}' for name, chain in each for line in finding_lines(chain)]
+    return [
+        *(f"LAYOUT: {finding}" for finding in values["layout"]),
+        *(f"LOOK AT {finding}" for finding in values["advice"]),
+    ]
+
+
 def fit_and_findings(values: dict[str, Any]) -> list[str]:
     """Lines on the chain's fit, layout faults and advice; of several chains each behind its name."""
     if "chains" in values:
@@ -675,8 +695,7 @@ def fit_and_findings(values: dict[str, Any]) -> list[str]:
     return [
         f"fit: {state}, strain {values['strain']:+.3e}, preload {values['preload']:.4g} N at assembly, "
         f"{values['standing_preload']:.4g} N once seated",
-        *(f"LAYOUT: {finding}" for finding in values["layout"]),
-        *(f"LOOK AT {finding}" for finding in values["advice"]),
+        *finding_lines(values),
     ]
 
 

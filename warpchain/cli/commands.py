@@ -57,7 +57,7 @@ def _print_lines(lines: Iterable[str]) -> int:
 
 
 def _value_from_word(word: str) -> Any:
-    """A value of the command line as TOML reads it; a word that is not TOML is a text."""
+    """A value of the command line as TOML, else a text."""
     import tomllib
 
     try:

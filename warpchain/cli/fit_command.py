@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from argparse import Namespace
+from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -13,6 +14,8 @@ from warpchain.assembly.assembly import assemble_chain
 from warpchain.assembly.fitting import fit_angle, fit_links, fit_position, fit_wrap, fitted_chain, strand_sag
 from warpchain.assembly.guide_fit import fit_indentation
 from warpchain.assembly.layout_checks import idle_arm_advice, layout_faults, strain_advice
+from warpchain.assembly.rating import resting_sags
+from warpchain.assembly.statics import at_rest
 from warpchain.drive import loads_drive, read_drive_text, write_drive_text
 from warpchain.drive.drive_text import self_contained_text, text_with_changes
 from warpchain.drive.examples import drive_path, is_example
@@ -94,7 +97,7 @@ def fit_drive_file(arguments: Namespace) -> list[str]:
 
 
 def _check_wrap(arguments: Namespace, moving: bool) -> None:
-    """Refuses `warpchain fit`'s wanted wrap without a sprocket to move, or beside what its place decides."""
+    """Refuses a wanted wrap without a sprocket to move, or beside what its place decides."""
     if arguments.wrap is None and arguments.around is not None:
         raise DriveError("--around: needs --wrap")
     if arguments.wrap is not None and not moving:
@@ -105,7 +108,7 @@ def _check_wrap(arguments: Namespace, moving: bool) -> None:
 
 
 def _wanted_arm_angle(drive: Drive, arguments: Namespace) -> dict[str, float] | None:
-    """Wanted angle [degrees] of an arm by its name, for `warpchain fit`; None where none is asked for."""
+    """Wanted angle [degrees] of an arm by its name; None without one."""
     if arguments.angle is None:
         if arguments.arm is not None:
             raise DriveError("--arm: needs --angle")
@@ -171,19 +174,23 @@ def _chain_fit_lines(model: ChainModel) -> list[str]:
     assembly = assemble_chain(model)
     state = "taut" if assembly.strain >= 0.0 else "slack"
     preload = max(0.0, model.chain.mean_stiffness * model.chain.pitch * assembly.strain)
-    sags = ", ".join(
-        f"{name} {1e3 * strand_sag(model, assembly, k):.3g} mm"
-        for k, name in enumerate(model.strand_names)
-        if assembly.path.strings[k] is None
-    )
+    free = [k for k in range(len(model.strand_names)) if assembly.path.strings[k] is None]
+    held = {k: strand_sag(model, assembly, k) for k in free}
+    resting = resting_sags(model, assembly, at_rest(model, assembly)) if held else {}
     arms = ", ".join(
         f"{arm.name} {math.degrees(angle):.4g}" for arm, angle in zip(model.arms, assembly.arm_angle, strict=True)
     )
     return [
         f"fit: {state}, strain {assembly.strain:+.3e}, preload {preload:.4g} N",
-        *([f"sag at rest: {sags}"] if sags else []),
+        *([f"sag at rest, as check has it: {_sags_text(model, resting)}"] if resting else []),
+        *([f"sag while all sprockets are held, as --sag means it: {_sags_text(model, held)}"] if held else []),
         *([f"arms at assembly, degrees: {arms}"] if arms else []),
         *(f"LAYOUT: {finding}" for finding in layout_faults(model, assembly.path)),
         *(f"LOOK AT {line}" for line in strain_advice(model, assembly.strain)),
         *(f"LOOK AT {line}" for line in idle_arm_advice(model, assembly.path)),
     ]
+
+
+def _sags_text(model: ChainModel, sags: Mapping[int, float]) -> str:
+    """Text of sags [m] by their strands."""
+    return ", ".join(f"{model.strand_names[k]} {1e3 * sag:.3g} mm" for k, sag in sags.items())

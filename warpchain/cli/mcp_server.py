@@ -39,7 +39,7 @@ INSTRUCTIONS = (
     "warpchain simulates roller-chain drives; all numbers are in SI units. A DRIVE is a file or an example's name. "
     "Make one with new, look at it with check and draw, then run it; a run's report is a page for people. Any value of "
     "a drive can be changed by set, such as sprockets.driven.load.torque=800. Act on the LOOK AT lines of check, and "
-    "rely on no run whose status is suspect. explain says what a metric, a key or a line of an error means."
+    "rely on no run whose status is suspect. explain says what a metric, key or line of an error or of check means."
 )
 
 

@@ -153,7 +153,8 @@ def _drive_file_text(asked: DriveRequest) -> str:
     """Text of a new drive file, with its comments."""
     chain, size = asked.chain, asked.chain.size
     radii = [0.5 * chain.pitch / math.sin(math.pi / z) for z in asked.teeth]
-    round_time, tooth = asked.links * chain.pitch / (asked.speed * radii[0]), asked.speed * asked.teeth[0] / math.tau
+    tooth = asked.speed * asked.teeth[0] / math.tau
+    round_time = asked.links / tooth
     about = (
         f"pitch {1e3 * chain.pitch:g} mm, roller {1e3 * chain.roller_diameter:g} mm, {chain.mass_per_length:g} kg/m, "
         f"breaking load {1e-3 * chain.breaking_load:g} kN"
@@ -200,7 +201,7 @@ def _drive_file_text(asked: DriveRequest) -> str:
             ("[run]", ""),
             (
                 f"duration = {rounded_to_two_figures(CIRCUITS * round_time):g}",
-                "once and a half around; metrics are of the latter half",
+                "twice around; metrics are of the latter half, a round of the chain",
             ),
             ('step = "auto"', ""),
             (

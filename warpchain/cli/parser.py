@@ -156,9 +156,9 @@ def _add_draw_command(commands: Any) -> None:
 
 def _add_explain_command(commands: Any) -> None:
     """Adds `warpchain explain` to the command line."""
-    text = "say what a metric, a key of drive and study files or a limit means, or those that an error's line names"
+    text = "say what a metric, a key of drive and study files, a limit, or a line of an error or of check means"
     parser = _add_function_command(commands, do.explain_command, text, "warpchain explain tension_q999")
-    parser.add_argument("text", metavar="TEXT", help="one name, or the line of an error")
+    parser.add_argument("text", metavar="TEXT", help="one name, or the line of an error or of check")
 
 
 def _add_chains_command(commands: Any) -> None:

@@ -88,6 +88,8 @@ def risk_command(arguments: argparse.Namespace) -> int:
 
 def _print_recommended(found: Any) -> None:
     """Prints the designs that a search recommends, and how to play them."""
+    from warpchain.assembly.summary import check_findings
+    from warpchain.drive import load_drive
 
     results, runs = found.designs, len(found.results.status)
     over = f" of {len(results.status)} designs over the same noise" if found.results.noise_factors else ""
@@ -96,6 +98,8 @@ def _print_recommended(found: Any) -> None:
         _print_design(results, "today's design", found.today)
     for k, one in enumerate(found.recommended):
         _print_design(results, f"design {k + 1}", one)
+        for line in check_findings(load_drive(found.drives[k])):
+            print(f"  {line}")
         print(f"  drive: {found.drives[k]}")
         if found.archives[k] is not None:
             archive, number = found.archives[k]

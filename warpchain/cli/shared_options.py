@@ -59,7 +59,7 @@ def number_from_word(word: str) -> float:
 
 
 def _quantity_from_word(word: str, unit: str, units: str) -> float:
-    """A number in `unit` from a word, or a quantity such as 3000rpm; `units` are named where it is neither."""
+    """A number in `unit` from a word, or a quantity such as 3000rpm; else an error names `units`."""
     from warpchain.drive.quantities import converted_number
 
     value = converted_number(word, unit)

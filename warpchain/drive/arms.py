@@ -1,10 +1,7 @@
 """Arms: bodies that turn about a pivot and carry guides and sprockets, such as a tensioner's sprung blade.
 
-    I theta'' = -k_t (theta - theta_0) - c_t theta' + m g x (r_c - p) + moments of the chain, tensioners and stops,
-
-theta = 0 as drawn, counter-clockwise positive. A coil spring of length l from an anchor f to a point q adds -(k (l -
-l_0) + c l') dl/dtheta, dl/dtheta = q x (q - f) / l from p. A stop is a torsion spring with a damper that only pushes
-back. With a pivot's acceleration a, g - a replaces g.
+The angle is 0 as drawn, counter-clockwise positive. A coil spring of length l from an anchor f to a point q, both from
+the pivot, has the lever dl/dtheta = q x (q - f) / l. The equations: docs/guides-and-tensioners.md.
 """
 
 from __future__ import annotations

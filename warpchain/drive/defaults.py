@@ -25,8 +25,10 @@ STEEL_BODY = {"youngs_modulus": 210e9, "poissons_ratio": 0.3}
 TEETH_FRICTION = 0.06
 """Coefficient of friction of rollers on teeth [-]."""
 DAMPING_RATIO = 0.02
-SAMPLES_A_TOOTH, SAMPLE_RATE, CIRCUITS = 20.0, 2000.0, 1.5
-"""Samples a tooth of the driver, sampling rate without its speed [Hz], circuits of the chain in a run."""
+SAMPLES_A_TOOTH, SAMPLE_RATE, CIRCUITS = 20.0, 2000.0, 2.2
+"""Samples a tooth of the driver, sampling rate without its speed [Hz], circuits of the chain in a run.
+
+The window, half of these, is a circuit at least, however they are rounded."""
 
 
 FREE_KEYS = {

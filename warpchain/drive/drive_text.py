@@ -53,30 +53,32 @@ def drive_text(text: str, drive: Drive) -> str:
         text: of a file that names no other files.
 
     Returns:
-        Text that reads back as `drive` within `DIGITS`; `dumps_drive`'s where `text` cannot be edited.
+        Text that reads back as `drive` within `DIGITS`, without the comments on lines that changed; `dumps_drive`'s
+        where `text` cannot be edited.
     """
     edited = text
     for _ in range(PASSES if len(text) <= LONGEST else 0):
         if found := _text_if_equal(edited, drive):
             return found
         try:
-            edited = text_with_changes(edited, loads_drive(edited), drive)
+            edited = text_with_changes(edited, loads_drive(edited), drive, comments=False)
         except DriveError:
             break
     return _text_if_equal(edited, drive) or dumps_drive(drive)
 
 
-def text_with_changes(text: str, before: Drive, after: Drive, digits: int = DIGITS) -> str:
+def text_with_changes(text: str, before: Drive, after: Drive, digits: int = DIGITS, comments: bool = True) -> str:
     """Text of a drive file with the differences of `after` from `before`.
 
     Args:
         text: TOML.
         digits: significant digits of changed numbers.
+        comments: whether lines that change keep theirs, which may be on the value before.
     """
     import tomlkit
 
     document = tomlkit.parse(text)
-    _write_differences(document, drive_values(before), drive_values(after), digits)
+    _write_differences(document, drive_values(before), drive_values(after), digits, comments)
     return tomlkit.dumps(document)
 
 
@@ -99,7 +101,7 @@ def _is_near(one: Any, other: Any) -> bool:
     return bool(one == other)
 
 
-def _write_differences(node: Any, before: Any, after: Any, digits: int) -> None:
+def _write_differences(node: Any, before: Any, after: Any, digits: int, comments: bool = True) -> None:
     """Writes the differences of two states of values into a tomlkit table or list."""
     import tomlkit
 
@@ -115,9 +117,22 @@ def _write_differences(node: Any, before: Any, after: Any, digits: int) -> None:
             if there is not None:
                 del node[key]
         elif _has_one_shape(there, old, new):
-            _write_differences(there, old, new, digits)
+            _write_differences(there, old, new, digits, comments)
         else:
             node[key] = tomlkit.value(_new_value_text(there, old, new, digits))
+        if new is not None and not comments and isinstance(node, Mapping):
+            _drop_comment(node, key)
+
+
+def _drop_comment(node: Any, key: str) -> None:
+    """Drops the comment behind a value of a tomlkit table."""
+    from tomlkit.container import Container
+    from tomlkit.items import AoT, Item, Table
+
+    container = node if isinstance(node, Container) else getattr(node, "value", None)
+    item = container.item(key) if isinstance(container, Container) else None  # None in a table in several places
+    if isinstance(item, Item) and not isinstance(item, AoT | Table):
+        item.trivia.comment = item.trivia.comment_ws = ""
 
 
 def _has_one_shape(*values: Any) -> bool:

@@ -1,10 +1,7 @@
 """Shafts that sprockets turn with, gear pairs, couplings, motors.
 
-Sprockets on a shaft q have theta = theta_0 + q; forward is the way the chain turns it, else counter-clockwise. A gear
-pair ties q_b = e (z_a / z_b) q_a, e = -1, or +1 with an internal gear; shafts so tied, each rho times as fast, turn as
-one, (sum rho^2 J) q'' = sum rho (moments). A coupling passes on M = k d + c d', d its twist q_a - q_b beyond the lash
-+-b; with ratios i, d is of q_a - i q_b since the ratio engaged, and b gets i M. A clutch slips at its torque; a
-freewheel only drives b forward. With the ground they are a brake and a backstop.
+Forward is the way the chain turns a shaft, else counter-clockwise. Couplings are also gearboxes, clutches and
+freewheels, with the ground brakes and backstops. Their laws: `kernels/physics/train.py`, docs/shafts.md.
 """
 
 from __future__ import annotations

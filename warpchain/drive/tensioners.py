@@ -1,11 +1,10 @@
 """Tensioners: springs, hydraulic elements and ratchets that push an arm, or a sprocket on a slider.
 
-At extension x, F = max(0, preload - k x - c x') + (P - P_0) A. The chamber of volume V = V_0 + A x loses Q_leak = G (P
-- P_0) + (pi d h / 2) x' through the gap around the plunger,
+Oil leaks through the gap h around the plunger, of length L and eccentricity eps, by its conductance
 
-    G = pi d h^3 (1 + 1.5 eps^2) / (12 eta L),                                                             (a)
+    G = pi d h^3 (1 + 1.5 eps^2) / (12 eta L).                                                             (a)
 
-and is refilled through a check valve; a relief valve and a vent let oil out to P_0.
+The laws: `kernels/physics/tensioner.py`, docs/tensioners.md.
 """
 
 from __future__ import annotations

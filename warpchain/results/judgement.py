@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field
 
+from warpchain.assembly.strength import YIELD
 from warpchain.drive.schema import Part, Value
 from warpchain.drive.stack_math import maximum
 from warpchain.model.stacks import Stack
@@ -43,7 +44,8 @@ class Limits(Part):
         energy_residual: what the energy balance misses, over the energy turned over.
         energy_change: what the drive's energy changes by over the window, over the losses: they are those of a start.
         settle_residual: net force that settling left on a roller, over the largest link force of the window.
-        breaking_load: largest link tension, over the breaking load of the catalogue's chain (`chain.size`).
+        breaking_load: largest link tension, over the breaking load of the catalogue's chain (`chain.size`); from 0.7 on
+            links yield and stay longer, as `check` has it.
         compression: largest force with which a link of a strand pushes, over the largest link tension.
         mean_compression: mean force with which a strand pushes, over the largest link tension.
         resolution: least number of steps in the shortest time of friction and ramps (`results.step_resolution`).
@@ -59,7 +61,7 @@ class Limits(Part):
     energy_residual: Limit = 0.01
     energy_change: Limit = START_ENERGY_CHANGE
     settle_residual: Limit = 0.01
-    breaking_load: Limit = 1.0
+    breaking_load: Limit = YIELD
     compression: Limit = 1.0
     mean_compression: Limit = 0.01
     resolution: Limit = 45.0
@@ -252,7 +254,10 @@ LIMIT_RULES = (
         "breaking_load",
         "tension_max",
         "of the chain's breaking load",
-        lambda of, value: f"largest tension {value:.2g} of the chain's breaking load",
+        lambda of, value: (
+            f"largest tension {value:.2g} of the chain's breaking load, "
+            + ("at which it breaks" if value >= 1.0 else f"of which links yield from {YIELD:g} on and stay longer")
+        ),
         "take a stronger chain.size, less load, a longer ramp_time, or a smaller step (run.step)",
         scale=breaking_loads,
     ),

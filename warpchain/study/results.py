@@ -28,8 +28,8 @@ if TYPE_CHECKING:
 
 ARCHIVE_COLUMNS = ("archive", "archive_variant")
 """Columns of a recorded variant's archive file and number."""
-ADJUSTMENT_COLUMNS = ("adjusted_links", "adjusted_travel")
-"""Columns of adjustments: number of links, sprocket travel [m]."""
+ADJUSTMENT_COLUMNS = {"adjusted_links": "", "adjusted_travel": "m"}
+"""Units of the columns of adjustments: number of links, sprocket travel."""
 CHAIN_ADJUSTMENT_ENDINGS = tuple(f".{name}" for name in ADJUSTMENT_COLUMNS)
 """Ends of chains' adjustment columns."""
 TODAY_COLUMN = "today"
@@ -53,6 +53,8 @@ NOISE, TIED_NOISE = "noise", "tied noise"
 """Kinds of factors in metadata: noise, and tied to noise."""
 DISTRIBUTION_KEY = "distribution"
 """Key of a factor's distribution in metadata."""
+EXPRESSION_KEY = "expression_of"
+"""Key in metadata of the factors, a JSON list, of which a factor is an expression."""
 SEARCH_TARGET_KEY = "search_target"
 """Key of a search's target in field metadata."""
 ROUND_COLUMN = "round"
@@ -117,6 +119,12 @@ class Results:
         if not self.has_replicates:
             return np.ones(self.table.num_rows, dtype=np.int64)
         return np.asarray(self.table[COUNT_COLUMN].to_numpy(), dtype=np.int64)
+
+    @property
+    def adjustment_columns(self) -> tuple[str, ...]:
+        """Columns of what `[adjust]` chose, of several chains each's."""
+        names = self.table.column_names
+        return tuple(n for n in names if n in ADJUSTMENT_COLUMNS or n.endswith(CHAIN_ADJUSTMENT_ENDINGS))
 
     @property
     def has_replicates(self) -> bool:
@@ -189,7 +197,7 @@ class Results:
 
         noted = (self.table.schema.field(name).metadata or {}).get(b"unit")
         unit = noted.decode() if noted else unit_of_metric(name) if name in self.metrics else ""
-        return "" if unit == "1" else unit
+        return "" if unit in ("1", "-") else unit
 
     @property
     def noise_factors(self) -> tuple[str, ...]:
@@ -256,11 +264,23 @@ class Results:
         """Names of factors that hold numbers and vary."""
         return tuple(f for f in self.factors if self.is_numeric(f) and is_varying(self.values(f)))
 
+    def expression_factors(self) -> dict[str, tuple[str, ...]]:
+        """Factors that are expressions of others in the table, each with these."""
+        found = {}
+        for name in self.factors:
+            noted = (self.table.schema.field(name).metadata or {}).get(EXPRESSION_KEY.encode(), b"[]")
+            others = tuple(json.loads(noted))
+            if others and set(others) <= set(self.factors):
+                found[name] = others
+        return found
+
     def factor_ties(self) -> dict[str, str]:
-        """Names of factors that depend linearly on an earlier one's."""
+        """Factors that follow from others, by name: expressions of these, or linear in an earlier one."""
         kept: dict[str, Array] = {}
-        tied: dict[str, str] = {}
+        tied = {name: " and ".join(others) for name, others in self.expression_factors().items()}
         for name in self.numeric_factors():
+            if name in tied:
+                continue
             x = _standardized_values(self.values(name))
             with_one = next((other for other, y in kept.items() if abs(float(x @ y)) > 1.0 - 1e-9), None)
             if with_one is None:

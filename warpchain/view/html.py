@@ -74,6 +74,8 @@ details.figure[open] img { max-width: none; }
   .counts { gap: 0.4rem; }
   .counts div { min-width: 4.5rem; flex: 1; padding: 0.4rem 0.6rem; }
   .counts b { font-size: 1.15rem; }
+  details.figure:not([open]) summary { overflow-x: auto; }
+  details.figure:not([open]) img { max-width: none; width: 40rem; }
 }
 @media print { details::details-content { content-visibility: visible; display: block; } summary { list-style: none; } }
 """
@@ -81,6 +83,13 @@ details.figure[open] img { max-width: none; }
 PRINT_STYLE = """
 @media print { img, tr { break-inside: avoid; } h2, h3 { break-after: avoid; } }
 @media print { body { background: white; } section { border: 0; padding: 0; } nav { display: none; } }
+@media screen and (max-width: 40rem) {
+  table { font-size: 0.8rem; }
+  th, td { padding: 0.25rem 0.4rem; }
+  .wide th:first-child, .wide td:first-child { position: sticky; left: 0; overflow-wrap: anywhere; min-width: 7rem; }
+  .wide td:first-child { background: var(--card); }
+  .wide td:last-child:not(.n, :first-child) { min-width: 15rem; }
+}
 """
 """CSS of an HTML page without a script."""
 MOST_LINKS = 12

@@ -165,7 +165,8 @@ def designs_over_noise(results: Results, goals: Goals, noise: Sequence[str] | No
         raise StudyError(f"noise: a design has {least} runs; to compare designs, each needs at least {FEWEST_RUNS}")
     over = goals_of_designs(goals, chosen)
     worst = [_worst_run(results, of, goals) for of in rows]
-    kept = [name for name in ("variant", *chosen, *ARCHIVE_COLUMNS, "round") if name in results.table.column_names]
+    kept = ("variant", *chosen, *ARCHIVE_COLUMNS, *results.adjustment_columns, "round")
+    kept = tuple(name for name in kept if name in results.table.column_names)
     table = results.table.select(kept).take(worst)
     for name in ("status", "reason"):
         if name in results.table.column_names:

@@ -28,7 +28,8 @@ from warpchain.study.design.factor_values import (
     values_from_probabilities,
 )
 from warpchain.study.design.noise_rows import crossed_rows, noise_rows
-from warpchain.study.results import DISTRIBUTION_KEY, NOISE, TIED_NOISE, TODAY_COLUMN
+from warpchain.study.results import DISTRIBUTION_KEY, EXPRESSION_KEY, NOISE, TIED_NOISE, TODAY_COLUMN
+from warpchain.study.spec.expression import parse_expression
 from warpchain.study.store import MOST_ROWS
 
 if TYPE_CHECKING:
@@ -299,6 +300,8 @@ def _arrow_table(study: Study, columns: dict[str, list[Any]], reasons: list[str 
             "unit": factor.display_unit,
             **distribution_metadata(factor),
         }
+        if factor.expression is not None:
+            facts[EXPRESSION_KEY] = json.dumps(parse_expression(factor.expression).names)
         if factor.name in noise:
             facts["kind"] = TIED_NOISE if factor.value_source == "expression" else NOISE
         fields.append(pa.field(factor.name, arrays[-1].type, metadata=facts))

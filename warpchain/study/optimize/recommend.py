@@ -197,7 +197,7 @@ def recommend_rows(results: Results, judged: JudgedRows, most: int = 4) -> list[
 
 
 def _simulated_rival(results: Results, judged: JudgedRows, best: int, m: int) -> str:
-    """Words on a variant that was simulated better than the best by estimate, luck taken out; "" without one."""
+    """Words on a variant that was simulated better than the best by estimate; "" without one."""
     run = np.where(judged.held & np.isfinite(judged.measured[:, m]), judged.measured[:, m], np.inf)
     rival = int(np.argmin(run))
     if not run[rival] < judged.measured[best, m]:
@@ -273,6 +273,7 @@ def _recommended_design(
     over, today = isinstance(results, Designs), results.row_of_today
     if row == today:
         lines.append("today's design, the base drive as it is")
+    lines += _adjustment_lines(results, row)
     if not results.ok[row]:
         lines.append(f"{results.status[row]}: {results.reason(row)}")
     if isinstance(results, Designs) and results.bounds:
@@ -306,6 +307,17 @@ def _recommended_design(
         spreads,
         {} if today in (None, row) else _metric_changes(results, judged, today, row),
     )
+
+
+def _adjustment_lines(results: Results, row: int) -> list[str]:
+    """A line on the links and the travel that `[adjust]` chose for a row, if any."""
+    chosen = []
+    for name in results.adjustment_columns:
+        value = results.table[name][row].as_py()
+        if value is not None:
+            chosen.append(f"{name} {quantity_words(value, results.column_unit(name))}")
+    run = " for its worst run" if isinstance(results, Designs) else ""
+    return [f"[adjust] chose{run} {', '.join(chosen)}"] if chosen else []
 
 
 def _metric_changes(results: Results, judged: JudgedRows, before: int, after: int) -> dict[str, MetricChange]:

@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from warpchain.assembly.summary import check_findings
 from warpchain.drive import load_drive, read_drive_text
 from warpchain.drive.drive_text import drive_text
 from warpchain.errors import StudyError
@@ -145,13 +146,14 @@ def recommended_section(
     shown = list(zip((DESIGN_LETTERS[k % len(DESIGN_LETTERS)] for k in range(len(found))), found, strict=True))
     if today is not None and today.row not in [one.row for one in found]:
         shown.append((TODAY, today))
-    parts += [_design_html(results, goals, one, letter, wanted) for letter, one in shown]
+    checked = _findings_of_designs(results, found, wanted)
+    parts += [_design_html(results, goals, one, letter, wanted, checked.get(letter, ())) for letter, one in shown]
     if today is None and wanted.folder is not None:
         parts.append(html.paragraph_html(NO_TODAY_NOTE, muted=True))
     letters, rows = [letter for letter, _ in shown], [one.row for _, one in shown]
     if isinstance(results, Designs):
         parts.append(panels.panels_html(panels.noise_panels(results, rows, letters), "runs over the noise"))
-    columns = tuple(dict.fromkeys((*goals.named_metrics, *results.factors)))
+    columns = tuple(dict.fromkeys((*goals.named_metrics, *results.factors, *results.adjustment_columns)))
     parts.append(variants_table_html(results, rows, columns, letters))
     return html.page_section("designs", "Recommended designs", *parts), found
 
@@ -185,8 +187,33 @@ def play_command(wanted: ReportGoals, results: Results, row: int) -> str:
     return f"warpchain study play {folder} {results.variants[row]}"
 
 
-def _design_html(results: Results, goals: Goals, one: RecommendedDesign, letter: str, wanted: ReportGoals) -> str:
-    """HTML of a recommended design, or today's."""
+def _findings_of_designs(
+    results: Results, found: Sequence[RecommendedDesign], wanted: ReportGoals
+) -> dict[str, list[str]]:
+    """Findings of `check` by design's letter; none without the study's files."""
+    if wanted.folder is None or not has_study_files(wanted.folder):
+        return {}
+    made = _built_designs(wanted.folder, results, found)
+    return {
+        letter: check_findings(variant.drive)
+        for letter, variant in zip(DESIGN_LETTERS, made, strict=False)
+        if variant.drive is not None
+    }
+
+
+def _design_html(
+    results: Results,
+    goals: Goals,
+    one: RecommendedDesign,
+    letter: str,
+    wanted: ReportGoals,
+    findings: Sequence[str],
+) -> str:
+    """HTML of a recommended design, or today's.
+
+    Args:
+        findings: of `check`.
+    """
     lines = []
     for name in goals.named_metrics:
         mean, deviation = one.believed[name]
@@ -210,7 +237,7 @@ def _design_html(results: Results, goals: Goals, one: RecommendedDesign, letter:
         play += f"<p>Drive file, beside this page: <code>{escape(f'{wanted.page}-{letter}.toml')}</code></p>"
     chosen = [factor_value_text(results, name, one.row) for name in results.factors] if one.spreads else []
     head = html.heading_html(f"{letter}: {', '.join(chosen) or f'variant {one.variant}'}")
-    return f'<div class="design">{head}{html.bullets_html(one.reasons)}{lines_table}{play}</div>'
+    return f'<div class="design">{head}{html.bullets_html([*one.reasons, *findings])}{lines_table}{play}</div>'
 
 
 def change_texts(change: MetricChange | None, unit: str) -> tuple[str, str]:
@@ -389,6 +416,14 @@ def has_study_files(folder: str | None) -> bool:
     return folder is not None and all((Path(folder) / name).is_file() for name in ("study.toml", "drive.toml"))
 
 
+def _built_designs(folder: str | Path, designs: Results, chosen: Sequence[RecommendedDesign]) -> list[Variant]:
+    """Recommended designs of a study's folder with their drives."""
+    study, drive = load_study(Path(folder) / "study.toml"), load_drive(Path(folder) / "drive.toml")
+    made = [Variant(row) for row in rows_of_recommended(study, drive, designs, chosen)]
+    build_drives(study, drive, made)
+    return made
+
+
 def write_recommended_drives(
     folder: str | Path, page: Path, designs: Results, chosen: Sequence[RecommendedDesign]
 ) -> list[Path]:
@@ -403,10 +438,7 @@ def write_recommended_drives(
     """
     if not chosen:
         return []
-    path = Path(folder)
-    study, drive = load_study(path / "study.toml"), load_drive(path / "drive.toml")
-    made = [Variant(row) for row in rows_of_recommended(study, drive, designs, chosen)]
-    build_drives(study, drive, made)
+    path, made = Path(folder), _built_designs(folder, designs, chosen)
     given = path / DRIVE_TEXT_FILE
     text = read_drive_text(given if given.exists() else path / "drive.toml")
     files = []

@@ -352,6 +352,7 @@ def _effects_section(results: Results, left_out: LeftOut, analyzed: MetricAnalys
             "group has one variant.",
             muted=True,
         ),
+        _expressions_note(results),
         _left_out_note(left_out, unranked),
         html.heading_html("Scatter against effect"),
         panels.panels_html(
@@ -379,6 +380,13 @@ def _effects_section(results: Results, left_out: LeftOut, analyzed: MetricAnalys
 NO_REPLICATES_NOTE = (
     "No two variants are equal runs, so the table does not tell how far they scatter: give the study replicates."
 )
+
+
+def _expressions_note(results: Results) -> str:
+    """HTML line on the factors that effects and Sobol' indices leave out, "" without any."""
+    found = [f"{name} (of {' and '.join(others)})" for name, others in results.expression_factors().items()]
+    text = f"Left out, as expressions of other factors: {', '.join(found)}."
+    return html.paragraph_html(text, muted=True) if found else ""
 
 
 def _pure_error_line(results: Results, metric: str, chance: float | None) -> str:
@@ -483,6 +491,7 @@ def _sobol_section(
             "both bars are alike, the factor acts on its own.",
             muted=True,
         ),
+        _expressions_note(results),
         panels.panels_html(panels.sobol_panels(found) if found else [], "Sobol' indices of the metrics"),
         html.bullets_html(lines),
         html.paragraph_html(_sobol_advice(results, folder or "DIR")) if refused else "",

@@ -49,6 +49,7 @@ from warpchain.study.spec.study_tables import (
     Objective,
     Recording,
     RunOptions,
+    adjustment_columns,
     fields_from_file,
 )
 from warpchain.study.store import write_study_text, write_table
@@ -273,7 +274,7 @@ def _unknown_metric_lines(study: Study, drive: Drive, names: Sequence[str]) -> I
         for prefix, _, group in groups_of_drive(chain, tuple((group,) for group in RECORDED_METRICS))
         for c in group.columns
     }
-    factors = [factor.name for factor in study.factors]
+    factors, adjusted = [factor.name for factor in study.factors], adjustment_columns(study.adjust)
     place = key_path_namer(study)
     for key in ("objectives", "bounds"):
         for i, name in enumerate(entry.metric for entry in getattr(study, key)):
@@ -283,8 +284,8 @@ def _unknown_metric_lines(study: Study, drive: Drive, names: Sequence[str]) -> I
             if metric in recorded:
                 if study.record.every != 1:
                     yield f'{where} = "{name}": is of recorded variants; it needs record.every = 1'
-            elif metric not in (*names, *known):
-                near = nearest_key_text(metric, [*known, *names, *recorded], 8)
+            elif metric not in (*names, *known, *adjusted):
+                near = nearest_key_text(metric, [*known, *adjusted, *names, *recorded], 8)
                 yield f'{where} = "{name}": no such metric; {near}'
     for i, measured in enumerate(study.measured):
         where = place(("measured", i, "signal" if measured.metric is None else "metric"))

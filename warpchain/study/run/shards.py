@@ -28,7 +28,7 @@ from warpchain.study.results import ADJUSTMENT_COLUMNS, ARCHIVE_COLUMNS, RUN_COL
 from warpchain.study.run.row_drives import Variant, build_drives, check_variant
 from warpchain.study.run.run_states import assign_initial_states, write_run_states
 from warpchain.study.run.study_folder import StudyFolder, open_folder
-from warpchain.study.spec.study_tables import named_adjustments
+from warpchain.study.spec.study_tables import adjustment_columns
 from warpchain.study.store import OUTCOME_COLUMNS, check_no_symlink
 
 if TYPE_CHECKING:
@@ -342,12 +342,10 @@ def shard_table(study: Study, rows: pa.Table, variants: Sequence[Variant]) -> pa
         status: (pa.string(), [variant.status for variant in variants], ""),
         reason: (pa.string(), [variant.outcome_reason() for variant in variants], ""),
     }
-    for _, before, adjust in named_adjustments(study.adjust):
-        count, travel = (before + name for name in ADJUSTMENT_COLUMNS)
-        if adjust.links is not None:
-            extra[count] = (pa.int64(), [variant.adjusted.get(count) for variant in variants], "")
-        if adjust.sprocket is not None:
-            extra[travel] = (pa.float64(), [variant.adjusted.get(travel) for variant in variants], "m")
+    for name in adjustment_columns(study.adjust):
+        unit = ADJUSTMENT_COLUMNS[name.rpartition(".")[2]]
+        kind = pa.float64() if unit else pa.int64()
+        extra[name] = (kind, [variant.adjusted.get(name) for variant in variants], unit)
     record = study.record
     if record.variants or record.every or record.worst:
         archives = [variant.archive or (None, None) for variant in variants]

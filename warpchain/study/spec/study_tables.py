@@ -33,6 +33,7 @@ from warpchain.drive.schema import (
 )
 from warpchain.results.channels import CHANNEL_NAMES, DEFAULT_CHANNELS
 from warpchain.results.metric_columns import unit_of_metric
+from warpchain.study.results import ADJUSTMENT_COLUMNS
 from warpchain.study.spec.factor import Switch, Texts, WholeNumber
 from warpchain.study.spec.noise_table import metric_from_name
 
@@ -70,7 +71,8 @@ def metric_unit(name: Any) -> str:
     """Unit of a metric or its statistic, or ""."""
     if not isinstance(name, str):
         return ""
-    found = unit_of_metric(metric_from_name(name))
+    metric = metric_from_name(name)
+    found = ADJUSTMENT_COLUMNS.get(metric.rpartition(".")[2]) or unit_of_metric(metric)
     return "-" if found == "1" else found if unit_from_text(found) else ""
 
 
@@ -226,6 +228,18 @@ def named_adjustments(adjusts: Sequence[Adjust]) -> list[tuple[str, str, Adjust]
     return [(f"adjust.{adjust.chain}", f"{adjust.chain}.", adjust) for adjust in adjusts]
 
 
+def adjustment_columns(adjusts: Sequence[Adjust]) -> list[str]:
+    """Names of the columns that adjustments add to a study's table."""
+    count, travel = ADJUSTMENT_COLUMNS
+    asked = [(before, adjust.links, adjust.sprocket) for _, before, adjust in named_adjustments(adjusts)]
+    return [
+        before + name
+        for before, *values in asked
+        for name, value in zip((count, travel), values, strict=True)
+        if value is not None
+    ]
+
+
 def adjustment_rules(node: Any) -> Iterator[Problem]:
     """Problems of several adjustments' chains."""
     adjusts = node_list(node, "adjust")
@@ -353,7 +367,7 @@ class Bound(Part):
     """A limit on a metric; at least one of both ends.
 
     Attributes:
-        metric: a metric.
+        metric: a metric, or `adjusted_links` or `adjusted_travel` of what `adjust` chooses.
         min, max: least and largest value, in its unit.
     """
 
