@@ -473,6 +473,10 @@ class Chain(Part):
         return self.size is not None and self.stiffness == CHAINS[self.size].estimated_stiffness
 
     @classmethod
+    def _unsaid_values(cls, values: Mapping[str, Any]) -> Mapping[str, Any]:
+        return {"roller_radius": values.get("roller_radius")} if values.get("kind") == "silent" else {}
+
+    @classmethod
     def _complete_values(cls, values: Any) -> Any:
         """A chain's values with those that the size fills."""
         size = node_value(values, "size")
