@@ -4,6 +4,8 @@ import pytest
 from silent import silent_drive
 
 from warpchain import dumps_drive, loads_drive
+from warpchain.drive.catalogue import CHAINS
+from warpchain.errors import DriveError
 
 
 def test_a_file_says_the_back_once_and_reads_back_equal():
@@ -18,3 +20,57 @@ def test_the_back_follows_a_changed_pitch_and_a_changed_height():
     other = {"chain.pitch": 0.0127, "sprockets.driven.center": [0.296, 0.0]}
     assert silent_drive(**other).chain.roller_radius == pytest.approx(0.4 * 0.0127, rel=1e-12)
     assert silent_drive(**{"chain.back_height": 0.003}).chain.roller_radius == 0.003
+
+
+def sized_drive(**values):
+    """Two wheels with a chain of size SC304 and what its file must say beside it, with values replaced."""
+    text = """
+[chain]
+size = "SC304"
+[[sprockets]]
+teeth = 23
+center = [0.0, 0.0]
+prescribed = { speed = 200.0 }
+[[sprockets]]
+teeth = 23
+center = [0.22225, 0.0]
+load = { torque = 5.0 }
+"""
+    return loads_drive(text).with_values(values)
+
+
+def test_a_size_fills_the_kind_and_what_follows():
+    drive, size = sized_drive(), CHAINS["SC304"]
+    chain = drive.chain
+    assert (chain.kind, chain.pitch, chain.links) == ("silent", 9.525e-3, 70)  # 2 * 0.22225 / 9.525e-3 + 23 = 69.67
+    assert chain.roller_radius == pytest.approx(0.4 * 9.525e-3, rel=1e-15)
+    assert chain.stiffness == size.estimated_stiffness and chain.mass_per_length == size.mass_per_length
+    assert chain.joint_area == pytest.approx(0.3 * 9.525e-3 * 0.0254 / 2, rel=1e-12)
+    assert drive.contact.sprocket.clearance == 0.0
+    assert loads_drive(dumps_drive(drive)) == drive
+
+
+def test_another_size_is_another_kind():
+    rollers = sized_drive(**{"chain.size": "06B"})
+    assert not rollers.chain.is_silent and rollers.chain.roller_radius == CHAINS["06B"].roller_radius
+    back = rollers.with_values({"chain.size": "SC304"})
+    assert back.chain == sized_drive().chain
+
+
+def test_a_given_back_is_the_radius_of_a_sized_chain():
+    assert sized_drive(**{"chain.back_height": 0.003}).chain.roller_radius == 0.003
+
+
+@pytest.mark.parametrize(
+    ("values", "line"),
+    [
+        ({"chain.kind": "roller"}, 'chain.kind = "roller": must be "silent", as size SC304 is'),
+        ({"chain.size": "06B", "chain.kind": "silent"}, 'chain.kind = "silent": must be "roller", as size 06B is'),
+        ({"chain.roller_radius": 0.003},
+         'chain.roller_radius = 0.003: not together with kind = "silent"; give back_height'),
+    ],
+)  # fmt: skip
+def test_what_does_not_go_with_a_size_is_refused(values, line):
+    with pytest.raises(DriveError) as refused:
+        sized_drive(**values)
+    assert line in refused.value.errors

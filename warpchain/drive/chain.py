@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
 from pydantic import AfterValidator, Field, WithJsonSchema
 from pydantic_core import PydanticCustomError
 
-from warpchain.drive.catalogue import CHAINS, INNER_WIDTHS
+from warpchain.drive.catalogue import CHAINS
 from warpchain.drive.plate import (
     BACK_HEIGHT,
     FLANK_ANGLE,
@@ -280,7 +280,7 @@ class Chain(Part):
     tip_radius: Positive | None = None
 
     _replaces: ClassVar[Mapping[str, tuple[str, ...]]] = {
-        "size": ("pitch", "roller_radius", "roller_mass", "mass_per_length", "stiffness"),
+        "size": ("kind", "pitch", "roller_radius", "roller_mass", "mass_per_length", "stiffness"),
         "roller_mass": ("mass_per_length",),
         "mass_per_length": ("roller_mass",),
         "damping": ("damping_ratio",),
@@ -457,10 +457,11 @@ class Chain(Part):
 
     @property
     def joint_area(self) -> float | None:
-        """Bearing area of a joint, d2 b2 [m^2]; None without size."""
+        """Bearing area of a joint [m^2], d2 b2, of a silent chain d2 b / 2; None without size."""
         if self.size is None or self.pin_radius is None:
             return None
-        return 2.0 * self.pin_radius * INNER_WIDTHS * CHAINS[self.size].inner_width * CHAINS[self.size].strands
+        size = CHAINS[self.size]
+        return 2.0 * self.pin_radius * size.bearing_share * size.inner_width * size.strands
 
     @property
     def breaking_load(self) -> float | None:
@@ -479,15 +480,21 @@ class Chain(Part):
     @classmethod
     def _complete_values(cls, values: Any) -> Any:
         """A chain's values with those that the size fills."""
-        size = node_value(values, "size")
-        if isinstance(values, Mapping) and node_value(values, "kind") == "silent":
-            values = _with_back_as_radius(values)
-        if not isinstance(values, Mapping) or not isinstance(size, str):
+        if not isinstance(values, Mapping):
             return values
+        if isinstance(size := values.get("size"), str):
+            values = cls._with_values_of_size(values, size)
+        return _with_back_as_radius(values) if values.get("kind") == "silent" else values
+
+    @classmethod
+    def _with_values_of_size(cls, values: Mapping[str, Any], size: str) -> Mapping[str, Any]:
+        """A chain's values with those of a size of the catalogue."""
         if size not in CHAINS:  # which its own rule says; the stiffness that asks for its estimate is right
             return dict(values) | {"stiffness": 1.0} if values.get("stiffness") == ESTIMATE else values
         chain = CHAINS[size]
-        filled = {key: getattr(chain, key) for key in cls._filled}
+        filled: dict[str, Any] = {"kind": chain.kind, "pitch": chain.pitch}
+        if chain.kind == "roller":
+            filled["roller_radius"] = chain.roller_radius
         if values.get("roller_mass") is None:
             filled["mass_per_length"] = chain.mass_per_length
         whole = dict(values) | {key: value for key, value in filled.items() if values.get(key) is None}
@@ -504,6 +511,9 @@ class Chain(Part):
         radius, pitch = node_value(node, "roller_radius"), node_value(node, "pitch")
         if node_value(node, "size") is None or node_value(node, "roller_mass") is not None:
             yield from exactly_one_rule(node, "roller_mass", "mass_per_length")
+        size, kind = CHAINS.get(node_value(node, "size")), node_value(node, "kind")
+        if size is not None and kind is not None and kind != size.kind:
+            yield Problem(("kind",), kind, f'must be "{size.kind}", as size {size.size} is')
         yield from at_most_rule(node, "links", MOST_LINKS)
         if node_value(node, "outer") is not None and are_numbers(links := node_value(node, "links")) and links % 2:
             yield Problem(("links",), links, "must be even where outer links differ")

@@ -28,6 +28,8 @@ ROOT_DEPTH = 0.6
 """Depth of the wheel's roots below the line of the pins over the pitch."""
 LEAST_TEETH = 17
 """Least teeth of a wheel, of the standard."""
+PIN_RADIUS, PLATE_AREA = 0.15, 0.95
+"""Estimates for pins over the pitch, and for a plate's area over its square, pins included."""
 PLATE_KEYS = ("flank_angle", "flank_distance", "back_height", "toe_depths", "tip_radius")
 """Keys of a chain that describe its plates."""
 

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from warpchain.drive.plate import ROOT_DEPTH, TOOTH_HEIGHT, Plate, gap_angle, tooth_corner
+from warpchain.drive.plate import PIN_RADIUS, ROOT_DEPTH, TOOTH_HEIGHT, Plate, gap_angle, tooth_corner
 from warpchain.drive.tooth_shape import teeth_around
 from warpchain.model import ChainModel
 
@@ -16,8 +16,6 @@ Array = NDArray[np.float64]
 
 CROTCH_GAP = 0.022
 """Gap between a tooth and the crotch of a drawn plate over the pitch."""
-PIN_RADIUS = 0.15
-"""Radius of drawn pins over the pitch, of chains that give none."""
 
 
 def _arc(center: Any, radii: Any, begin: float, end: float, points: int) -> Array:
