@@ -4,6 +4,7 @@ import pytest
 from silent import silent_drive
 
 from warpchain import dumps_drive, loads_drive
+from warpchain.assembly.summary import derive, report
 from warpchain.drive.catalogue import CHAINS
 from warpchain.errors import DriveError
 
@@ -74,3 +75,13 @@ def test_what_does_not_go_with_a_size_is_refused(values, line):
     with pytest.raises(DriveError) as refused:
         sized_drive(**values)
     assert line in refused.value.errors
+
+
+def test_check_speaks_of_links_and_gaps_and_rates_no_silent_chain():
+    drive = sized_drive()
+    text = report(derive(drive))
+    assert "kg a link" in text and "a free link rebounds" in text and "roller rebounds" not in text
+    assert "rating: none; ASME B29.1 and ISO 10823 rate roller chains only" in text
+    assert "d2 by half the width" in text and "ISO 606" not in text
+    # the gap's two flanks are 2 (30 - 180 / 23) degrees apart
+    assert "gap angle" in text and f"{2 * (30 - 180 / 23):.1f} deg" in text

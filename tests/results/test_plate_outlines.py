@@ -11,6 +11,7 @@ from matplotlib.path import Path
 from silent import silent_drive
 
 from warpchain import simulate
+from warpchain.assembly.tooth_hold import top_radius
 from warpchain.drive.plate import ROOT_DEPTH, Plate, wheel_tip_radius
 from warpchain.model import single_chain
 from warpchain.results.outlines import tooth_outline
@@ -110,3 +111,14 @@ def test_pictures_have_wheels_plates_and_pins_with_odd_links_in_front():
         assert len(part.get_paths()) == len(outlines)
         found = np.array([path.vertices[: outlines.shape[1]] for path in part.get_paths()])
         np.testing.assert_allclose(found, 1e3 * outlines, rtol=1e-12, atol=1e-9)
+
+
+@pytest.mark.parametrize("teeth", [17, 40])
+def test_a_silent_chain_jumps_where_its_toes_stand_on_tips(teeth):
+    """A link there, with the rounded ends of both its toes on the tips' circle, has its pins at that radius."""
+    model = single_chain(silent_drive((teeth, teeth)))
+    plate, top = model.chain.plate, top_radius(model, 0)
+    height = math.sqrt(top**2 - (0.5 * plate.pitch) ** 2)
+    x, y = plate.flank_end(1)
+    ends = math.hypot(0.5 * plate.pitch - x, height - y)
+    assert ends == pytest.approx(model.tip_radius(0) + plate.tip_radius, rel=1e-12)

@@ -106,6 +106,14 @@ def tooth_corner(plate: Plate, teeth: int, pitch: float) -> float:
     return sqrt(tip * tip - across * across) - radius * cos(gamma)
 
 
+def top_radius(plate: Plate, teeth: int, pitch: float) -> float:
+    """Radius of the pins of a link whose two toes stand on a wheel's tips [m]."""
+    x, y = plate.flank_end(1)
+    half, reach = 0.5 * plate.pitch, wheel_tip_radius(teeth, pitch) + plate.tip_radius
+    height = y + sqrt(reach * reach - (half - x) * (half - x))
+    return sqrt(height * height + half * half)
+
+
 def plate_problems(plate: Plate) -> Iterator[tuple[str, Any, str]]:
     """Keys, values and error sentences of plates that cannot be."""
     begin, end = plate.toe_depths
