@@ -1,5 +1,8 @@
 """Silent chains in drive files: what they fill, the way there and back, and what does not go with them."""
 
+import re
+from pathlib import Path
+
 import pytest
 from silent import silent_drive
 
@@ -7,6 +10,8 @@ from warpchain import dumps_drive, loads_drive
 from warpchain.assembly.summary import derive, report
 from warpchain.drive.catalogue import CHAINS
 from warpchain.errors import DriveError
+
+ROOT = Path(__file__).resolve().parent.parent.parent
 
 
 def test_a_file_says_the_back_once_and_reads_back_equal():
@@ -85,3 +90,10 @@ def test_check_speaks_of_links_and_gaps_and_rates_no_silent_chain():
     assert "d2 by half the width" in text and "ISO 606" not in text
     # the gap's two flanks are 2 (30 - 180 / 23) degrees apart
     assert "gap angle" in text and f"{2 * (30 - 180 / 23):.1f} deg" in text
+
+
+def test_the_pages_drive_is_that_of_its_picture():
+    page = (ROOT / "docs" / "silent-chains.md").read_text()
+    (text,) = re.findall(r"^```toml\n(.*?)^```", page, re.MULTILINE | re.DOTALL)
+    assert text == (ROOT / "scripts" / "drawings" / "silent.toml").read_text()
+    assert derive(loads_drive(text))["layout"] == []
