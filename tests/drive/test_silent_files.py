@@ -1,5 +1,6 @@
 """Silent chains in drive files: what they fill, the way there and back, and what does not go with them."""
 
+import math
 import re
 from pathlib import Path
 
@@ -9,6 +10,7 @@ from silent import silent_drive
 from warpchain import dumps_drive, loads_drive
 from warpchain.assembly.summary import derive, report
 from warpchain.drive.catalogue import CHAINS
+from warpchain.drive.plate import PLATE_KEYS
 from warpchain.errors import DriveError
 
 ROOT = Path(__file__).resolve().parent.parent.parent
@@ -80,6 +82,14 @@ def test_what_does_not_go_with_a_size_is_refused(values, line):
     with pytest.raises(DriveError) as refused:
         sized_drive(**values)
     assert line in refused.value.errors
+
+
+@pytest.mark.parametrize("key", ["pitch", *PLATE_KEYS])
+@pytest.mark.parametrize("value", [[], [1.0, "a"], (0.002, 0.004, 0.006), -1.0, "x", {}, math.inf])
+def test_wrong_values_of_plates_are_errors_of_the_drive(key, value):
+    with pytest.raises(DriveError, match=f"^chain.{key}") as refused:
+        silent_drive(**{f"chain.{key}": value})
+    assert len(refused.value.errors) == 1
 
 
 def test_check_speaks_of_links_and_gaps_and_rates_no_silent_chain():

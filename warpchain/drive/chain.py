@@ -90,12 +90,13 @@ Stiffness = Annotated[
 
 def _with_back_as_radius(values: Mapping[str, Any]) -> Mapping[str, Any]:
     """Values of a silent chain, which touches guides as rollers of its back's height would."""
-    back: Any = values.get("back_height")
-    if back is None:
-        own = values.get("pitch")
-        pitch: Any = converted_number(own, "m") if isinstance(own, str) else own
-        back = BACK_HEIGHT * pitch if are_numbers(pitch) else None
-    return values if back is None or values.get("roller_radius") is not None else {**values, "roller_radius": back}
+    if values.get("roller_radius") is not None:
+        return values
+    key, part = ("pitch", BACK_HEIGHT) if values.get("back_height") is None else ("back_height", 1.0)
+    own = values.get(key)
+    length: Any = converted_number(own, "m") if isinstance(own, str) else own
+    is_right = are_numbers(length) and 0.0 < length < math.inf  # if not, the key's own rule says so
+    return {**values, "roller_radius": part * length if is_right else 1.0}
 
 
 def chain_plate(chain: Any) -> Plate:
@@ -511,9 +512,9 @@ class Chain(Part):
         radius, pitch = node_value(node, "roller_radius"), node_value(node, "pitch")
         if node_value(node, "size") is None or node_value(node, "roller_mass") is not None:
             yield from exactly_one_rule(node, "roller_mass", "mass_per_length")
-        size, kind = CHAINS.get(node_value(node, "size")), node_value(node, "kind")
-        if size is not None and kind is not None and kind != size.kind:
-            yield Problem(("kind",), kind, f'must be "{size.kind}", as size {size.size} is')
+        size, kind = node_value(node, "size"), node_value(node, "kind")
+        if isinstance(size, str) and size in CHAINS and kind is not None and kind != CHAINS[size].kind:
+            yield Problem(("kind",), kind, f'must be "{CHAINS[size].kind}", as size {size} is')
         yield from at_most_rule(node, "links", MOST_LINKS)
         if node_value(node, "outer") is not None and are_numbers(links := node_value(node, "links")) and links % 2:
             yield Problem(("links",), links, "must be even where outer links differ")
@@ -562,10 +563,11 @@ def _plate_rules(node: Any) -> Iterable[Problem]:
     for key in ("attachments", "load", "ends"):
         if node_value(node, key):
             yield Problem((key,), None, 'not together with kind = "silent"', BARE)
-    given = [value for key in PLATE_KEYS if (value := node_value(node, key)) is not None]
-    if not are_numbers(
-        pitch, *(x for value in given for x in (value if isinstance(value, (list, tuple)) else [value]))
-    ):
+    own = {key: value for key in PLATE_KEYS if (value := node_value(node, key)) is not None}
+    depths = own.pop("toe_depths", (pitch, pitch))
+    if not isinstance(depths, list | tuple) or len(depths) != 2:
+        return
+    if not are_numbers(*(numbers := (pitch, *depths, *own.values()))) or min(numbers) <= 0.0:
         return
     plate = chain_plate(node)
     if are_numbers(radius) and radius != plate.back_height:
