@@ -27,6 +27,7 @@ GROUPS = {
         "valve-trains",
         "several-chains",
         "open-chains",
+        "silent-chains",
         "conveyors",
         "moving-sprockets",
         "guides-and-tensioners",

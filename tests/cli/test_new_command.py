@@ -50,6 +50,30 @@ def test_sizes_of_every_kind_do(capsys, tmp_path, size):
     assert (status, err) == (0, []) and not [line for line in out if line.startswith(("LAYOUT", "LOOK AT"))]
 
 
+def test_a_silent_drive_asks_for_nothing_of_rollers(capsys, tmp_path):
+    path = tmp_path / "drive.toml"
+    words = ["--size", "SC404", "--teeth", 17, 25, "--centers", 0, 0, 0, 0.381]
+    status, out, err = command(capsys, "new", path, *words)
+    assert (status, err) == (0, []) and not [line for line in out if line.startswith(("LAYOUT", "LOOK AT"))]
+    contact = tomllib.loads(path.read_text())["contact"]["sprocket"]
+    assert not contact.keys() & {"profile", "clearance", "seat_angle"} and "a free roller" not in path.read_text()
+    drive = load_drive(path)
+    assert drive.chain.is_silent and drive.chain.pitch == 0.0127 and abs(assemble(drive).strain) < 1e-8
+    assert contact["width"] == pytest.approx(0.93 * 0.0254, rel=1e-2)
+
+
+@pytest.mark.parametrize(
+    ("words", "line"),
+    [
+        (["--teeth", 16, 25, "--centers", 0, 0, 0, 0.381], "--teeth 16: must be at least 17 with a silent chain"),
+        (["--teeth", 17, 17, 17, 17, "--centers", 0, 0, 0, 0.5, 0.5, 0.5, 0.2, 0.3],
+         "--centers: a silent chain must go around all sprockets the same way, on a convex polygon"),
+    ],
+)  # fmt: skip
+def test_wheels_that_a_silent_chain_cannot_go_around_are_refused(capsys, tmp_path, words, line):
+    assert refused(capsys, "new", tmp_path / "drive.toml", "--size", "SC404", *words) == f"warpchain: error: {line}"
+
+
 def test_comments_say_what_is_an_estimate_and_values_what_was_asked(capsys, tmp_path):
     path = tmp_path / "drive.toml"
     words = ["--size", "16B", *TWO, "--speed", "300rpm", "--torque", 900]

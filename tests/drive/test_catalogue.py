@@ -12,6 +12,8 @@ from warpchain import cli
 from warpchain.assembly.summary import derive, report
 from warpchain.drive import Chain, Drive, dumps_drive, loads_drive
 from warpchain.drive.catalogue import CHAINS
+from warpchain.drive.plate import PLATE_AREA, Plate
+from warpchain.results.plate_outlines import plate_outline
 
 SIZED = {"size": "16B", "links": 100, "stiffness": "estimate", "damping_ratio": 0.02}
 
@@ -223,6 +225,29 @@ def test_check_says_that_the_stiffness_is_an_estimate(values):
     assert "size: 72B (ISO 606), breaking load 1400 kN" in text and "N/m, an ESTIMATE" in text
     measured = report(derive(drive.with_values({"chain.stiffness": 1.5e9})))
     assert "size: 72B" in measured and "N/m, an ESTIMATE" not in measured
+
+
+def test_silent_chains_have_the_numbers_of_the_standard():
+    """SC, pitch in eighths and width in quarters of an inch: SC302 3/8 by 1/2, SC1012 1 1/4 by 3 (ASME B29.2M)."""
+    found = {size: (chain.pitch, chain.inner_width) for size, chain in CHAINS.items() if size.startswith("SC")}
+    for size, pitch, width in (("SC302", 3 / 8, 1 / 2), ("SC1012", 5 / 4, 3), ("SC404", 1 / 2, 1), ("SC1624", 2, 6)):
+        assert found[size] == pytest.approx((0.0254 * pitch, 0.0254 * width), rel=1e-15)
+    assert {round(1e3 * pitch, 3) for pitch, _ in found.values()} == {
+        9.525, 12.7, 15.875, 19.05, 25.4, 31.75, 38.1, 50.8,
+    }  # fmt: skip
+
+
+def test_masses_and_strengths_of_silent_chains_are_the_estimates():
+    """Eq. (e) by hand for SC404: half a square inch; 6250 lbf = 27.8 kN; 0.95 of 7850 kg/m^3 over half the width."""
+    chain = CHAINS["SC404"]
+    assert chain.breaking_load == pytest.approx(6250 * 4.4482216, rel=2e-3)
+    assert chain.mass_per_length == pytest.approx(0.95 * 7850 * 0.0127 * 0.0127, abs=5e-3)  # three figures
+    assert chain.estimate.startswith("all but pitch and width")
+    assert CHAINS["silent-8"].inner_width == 0.016 and CHAINS["silent-8"].standard == ""
+    plate = Plate(1.0, math.radians(30.0), 0.375, 0.4, (0.2, 0.5), 0.05)
+    x, y = plate_outline(plate, 200).T
+    area = 0.5 * abs(x[:-1] @ y[1:] - x[1:] @ y[:-1])
+    assert area == pytest.approx(PLATE_AREA, rel=0.01)
 
 
 def test_chains_command_lists_every_size(capsys):

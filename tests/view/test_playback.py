@@ -12,10 +12,12 @@ from command import run as command
 from drives import STARTING, example, timing, two_sprockets
 from hypothesis import given
 from hypothesis import strategies as st
+from silent import silent_drive
 
 from warpchain import Record, Trajectory, simulate, write_archive
 from warpchain.errors import SimulationError
 from warpchain.model import single_chain
+from warpchain.results.plate_outlines import plate_outlines
 from warpchain.results.signals import peak_frames, peaks_over_time
 from warpchain.results.tension_colors import tension_colors
 from warpchain.view.palette import (
@@ -29,7 +31,7 @@ from warpchain.view.palette import (
 )
 from warpchain.view.recorded_variants import compared_variants, legend_titles, recorded_variant, varied_inputs
 from warpchain.view.rerun.chart import BACKGROUND_COLOR, WIDE_CHART
-from warpchain.view.rerun.drive_scene import log_drive
+from warpchain.view.rerun.drive_scene import PLATE_ARC_POINTS, log_drive
 from warpchain.view.rerun.run_playback import log_recording, playback_seconds, time_panel
 from warpchain.view.rerun.signal_charts import curve_axis_range, log_curves, log_tension_image, recorded_curves
 from warpchain.view.rerun.streams import line_strip_array, list_array, vector_array
@@ -168,6 +170,18 @@ def test_arms_turn_and_plungers_come_out():
     along = np.array(drive.tensioners[0].direction) / np.hypot(*drive.tensioners[0].direction)
     assert place == pytest.approx(out * along * [1.0, -1.0], abs=1e-9)
     assert f"{path}/housing" in spy.static and f"{path}/housing" not in spy.columns
+
+
+def test_a_silent_chain_has_a_strip_for_each_plate_and_pins_of_their_size():
+    trajectory = simulate(silent_drive(), device="cpu", limits=STARTING)[0].at(slice(0, 2))
+    spy = Spy()
+    log_drive(spy, "a", trajectory, 1000.0)
+    _, columns = spy.columns["/a/drive/chain"]
+    strips = columns["LineStrips2D:strips"].to_pylist()
+    outlines = plate_outlines(trajectory.model, np.asarray(trajectory.position, dtype=float), PLATE_ARC_POINTS)
+    np.testing.assert_allclose(strips, outlines * [1.0, -1.0], rtol=1e-6, atol=1e-7)  # float32
+    (pins,) = (one for one in spy.static["/a/drive/rollers"] if one.radii is not None)
+    assert pins.radii.as_arrow_array().to_pylist() == pytest.approx([0.15 * 9.525e-3], rel=1e-6)
 
 
 def test_every_group_of_curves_has_a_view(run):

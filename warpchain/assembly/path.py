@@ -24,6 +24,7 @@ from numpy.typing import NDArray
 
 from warpchain.assembly.guide_obstacles import PlacedGuide, Run, has_obstructed_strand, place_on_arm, strand_obstacles
 from warpchain.assembly.taut_string import Arc, TautError, TautString, circle_end, taut_string
+from warpchain.drive.plate import top_radius
 from warpchain.drive.stack_math import (
     UnlikeVariants,
     arctan2,
@@ -436,11 +437,13 @@ def _first_variant(condition: Any) -> int | None:
 
 
 def _check_tips(model: ChainModel, radius: Sequence[Any]) -> None:
-    """Raises a DriveError where links are so long that rollers ride over a sprocket's tips."""
+    """Raises a DriveError where links are so long that rollers or toes ride over a sprocket's tips."""
     for s, sprocket in enumerate(model.sprockets):
         if sprocket.is_end:
             continue
         tips = model.tip_radius(s)
+        if model.chain.is_silent:
+            tips = top_radius(model.chain.plate, sprocket.teeth, model.sprocket_pitch(s))
         v = _first_variant(radius[s] > tips)
         if v is not None:
             tip = _variant_number(tips, v)

@@ -119,6 +119,7 @@ def _derive_chain(model: ChainModel, assembly: Assembly, passed: RunUp, step_adv
         "links": model.chain.links,
         "pitch": model.chain.pitch,
         "elongation": path.pitch / model.chain.pitch - 1.0,
+        "kind": model.chain.kind,
         "roller_mass": model.chain.mass,
         "size": model.chain.size,
         "breaking_load": model.chain.breaking_load,
@@ -345,7 +346,10 @@ def _size_lines(values: dict[str, Any]) -> list[str]:
     lines = [f"size: {values['size']}{standard}, breaking load {1e-3 * values['breaking_load']:.4g} kN"]
     if chain.estimate:
         lines.append(f"  an ESTIMATE of the catalogue, {chain.estimate}")
-    lines += [*_strength_lines(values["strength"]), *rating_lines(values["rating"])]
+    area = "d2 by half the width" if chain.kind == "silent" else "d2 b2 of ISO 606"
+    lines += [*_strength_lines(values["strength"], area), *rating_lines(values["rating"])]
+    if chain.kind == "silent":
+        lines.append("rating: none; ASME B29.1 and ISO 10823 rate roller chains only")
     if values["stiffness_is_estimate"]:
         lines.append(
             f"stiffness: {values['stiffness']:.4g} N/m, an ESTIMATE good to a factor of three: "
@@ -354,8 +358,8 @@ def _size_lines(values: dict[str, Any]) -> list[str]:
     return lines
 
 
-def _strength_lines(found: dict[str, Any] | None) -> list[str]:
-    """Report lines on safeties and joint pressure; none without a tension at work."""
+def _strength_lines(found: dict[str, Any] | None, area: str) -> list[str]:
+    """Report lines on safeties and joint pressure on an `area`; none without a tension at work."""
     if found is None:
         return []
     way, passed = found["run_up"], ""
@@ -372,8 +376,8 @@ def _strength_lines(found: dict[str, Any] | None) -> list[str]:
     ]
     if found["joint_area"] is not None:
         lines.append(
-            f"bearing: {1e-6 * found['pressure']:.4g} N/mm^2 at work on {1e6 * found['joint_area']:.4g} mm^2, d2 b2 of "
-            f"ISO 606, {1e-6 * found['peak_pressure']:.4g} at those peaks"
+            f"bearing: {1e-6 * found['pressure']:.4g} N/mm^2 at work on {1e6 * found['joint_area']:.4g} mm^2, "
+            f"{area}, {1e-6 * found['peak_pressure']:.4g} at those peaks"
         )
     return lines
 
@@ -420,8 +424,10 @@ def _joint_lines(values: dict[str, Any]) -> list[str]:
 
 def _sprocket_lines(values: dict[str, Any]) -> list[str]:
     """Report lines on sprockets."""
+    silent = values["kind"] == "silent"
+    angle = "gap angle" if silent else "seat angle"
     table = table_lines(
-        ("sprocket", "teeth", "pitch radius", "tip radius", "wrap", "seat angle", "contact stiffness"),
+        ("sprocket", "teeth", "pitch radius", "tip radius", "wrap", angle, "contact stiffness"),
         [
             (
                 s["name"],
@@ -429,7 +435,7 @@ def _sprocket_lines(values: dict[str, Any]) -> list[str]:
                 f"{s['pitch_radius']:.5f} m",
                 f"{s['tip_radius']:.5f} m",
                 f"{math.degrees(s['wrap']):.2f} deg",
-                f"{math.degrees(s['seat_angle']):.1f} deg",
+                f"{math.degrees(math.pi - s['seat_angle'] if silent else s['seat_angle']):.1f} deg",
                 f"{s['contact_stiffness']:.4g} N/m^n",
             )
             for s in values["sprockets"]
@@ -437,7 +443,8 @@ def _sprocket_lines(values: dict[str, Any]) -> list[str]:
         ],
     )
     rubs = f", friction {values['friction']:g}" if values["friction"] else ""
-    teeth = f"teeth: {values['law']}, a free roller rebounds with {values['rebound']:.3f} of its speed{rubs}"
+    part = "link" if silent else "roller"
+    teeth = f"teeth: {values['law']}, a free {part} rebounds with {values['rebound']:.3f} of its speed{rubs}"
     return ["", *table, "", teeth]
 
 
@@ -702,9 +709,10 @@ def fit_and_findings(values: dict[str, Any]) -> list[str]:
 def _chain_lines(values: dict[str, Any]) -> list[str]:
     """Report lines on a chain, and what it runs over."""
     worn = f", worn by {100.0 * values['elongation']:.3g} %" if abs(values["elongation"]) > 1e-12 else ""
+    part = "link" if values["kind"] == "silent" else "roller"
     return [
         f"chain: {values['links']} links of {1e3 * values['pitch']:g} mm{worn}, "
-        f"{values['roller_mass']:.4g} kg a roller, {values['chain_speed']:.4g} m/s",
+        f"{values['roller_mass']:.4g} kg a {part}, {values['chain_speed']:.4g} m/s",
         *_driver_lines(values["driver"]),
         *_size_lines(values),
         *_joint_lines(values),

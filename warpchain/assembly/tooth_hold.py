@@ -28,6 +28,7 @@ from numpy.typing import NDArray
 
 from warpchain.assembly import statics
 from warpchain.assembly.assembly import assemble_chain
+from warpchain.drive import plate
 from warpchain.drive.tooth_shape import half_gap_outline
 from warpchain.errors import DriveError
 from warpchain.model import ChainModel
@@ -39,7 +40,12 @@ ROUNDS = 8
 
 
 def top_radius(model: ChainModel, s: int) -> float:
-    """Distance rho_top of a roller's center from that of sprocket s where its flank ends [m]."""
+    """Distance rho_top of a roller's center from that of sprocket s where its flank ends [m].
+
+    Of a silent chain that of pins where both toes of a link stand on tips.
+    """
+    if model.chain.is_silent:
+        return plate.top_radius(model.chain.plate, model.sprockets[s].teeth, model.sprocket_pitch(s))
     tooth, radius, points = model.tooth(s), model.pitch_radius(s), 9
     tip = half_gap_outline(tooth, model.sprockets[s].teeth, radius, points)[2 * points - 2]
     half = 0.5 * tooth.seat_angle

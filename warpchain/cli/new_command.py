@@ -26,6 +26,7 @@ from warpchain.drive.defaults import (
     wrap_senses,
 )
 from warpchain.drive.json_schema import drive_schema, schema_text
+from warpchain.drive.plate import LEAST_TEETH
 from warpchain.drive.schema import nearest_key_text
 from warpchain.errors import DriveError
 from warpchain.model.power_rating import rated_power, size_rating
@@ -127,6 +128,10 @@ def _drive_request(arguments: Namespace) -> DriveRequest:
     for of, found in ((teeth[0], arguments.speed), (teeth[-1], arguments.torque)):
         if of < 5 or (found is not None and found <= 0.0):
             raise DriveError("--teeth, --speed, --torque: must be at least 5 teeth, a speed and a moment above 0")
+    if chain.kind == "silent" and min(teeth) < LEAST_TEETH:
+        raise DriveError(f"--teeth {min(teeth)}: must be at least {LEAST_TEETH} with a silent chain")
+    if chain.kind == "silent" and len(set(wrap_senses(list(centers)))) > 1:
+        raise DriveError("--centers: a silent chain must go around all sprockets the same way, on a convex polygon")
     driver, driven = (0.5 * chain.pitch / math.sin(math.pi / z) for z in (teeth[0], teeth[-1]))
     speed = arguments.speed or rounded_to_two_figures(CHAIN_SPEED / driver * 30.0 / math.pi) * math.pi / 30.0
     most = chain.breaking_load / SAFETY * driven
@@ -154,11 +159,14 @@ def _drive_file_text(asked: DriveRequest) -> str:
     chain, size = asked.chain, asked.chain.size
     radii = [0.5 * chain.pitch / math.sin(math.pi / z) for z in asked.teeth]
     tooth = asked.speed * asked.teeth[0] / math.tau
-    round_time = asked.links / tooth
+    round_time, silent = asked.links / tooth, chain.kind == "silent"
+    part = f"width {1e3 * chain.inner_width:g} mm" if silent else f"roller {1e3 * chain.roller_diameter:g} mm"
     about = (
-        f"pitch {1e3 * chain.pitch:g} mm, roller {1e3 * chain.roller_diameter:g} mm, {chain.mass_per_length:g} kg/m, "
-        f"breaking load {1e-3 * chain.breaking_load:g} kN"
+        f"pitch {1e3 * chain.pitch:g} mm, {part}, {chain.mass_per_length:g} kg/m, "
+        f"breaking load {1e-3 * chain.breaking_load:g} kN{', ESTIMATES but pitch and width' * silent}"
     )
+    seat = [('profile = "circular"', ""),
+            (f"clearance = {CLEARANCE * chain.pitch:.2g}", f"ESTIMATE: {CLEARANCE:g} of the pitch")]  # fmt: skip
     steel = "{ youngs_modulus = 210e9, poissons_ratio = 0.3 }"
     blocks = [
         [
@@ -176,15 +184,17 @@ def _drive_file_text(asked: DriveRequest) -> str:
         *(_sprocket_table_lines(asked, s, radii[s], 0.2 * round_time) for s in range(len(radii))),
         [
             ("[contact.sprocket]", ""),
-            ('profile = "circular"', ""),
-            (f"clearance = {CLEARANCE * chain.pitch:.2g}", f"ESTIMATE: {CLEARANCE:g} of the pitch"),
-            ("restitution = 0.3", "ESTIMATE: a free roller rebounds with this share of its speed"),
+            *([] if silent else seat),
+            (
+                "restitution = 0.3",
+                f"ESTIMATE: a free {'link' if silent else 'roller'} rebounds with this share of its speed",
+            ),
             ('restitution_means = "rebound"', ""),
             (
                 f"bush_stiffness = {BUSH_STIFFNESS * chain.pitch * chain.strands:.2g}",
                 f"ESTIMATE: {BUSH_STIFFNESS:g} N/m^2 times pitch and strands; bush, pin, grease",
             ),
-            (f"friction = {TEETH_FRICTION:g}", "ESTIMATE: of rollers on teeth"),
+            (f"friction = {TEETH_FRICTION:g}", f"ESTIMATE: of {'toes' if silent else 'rollers'} on teeth"),
             ("impact_speed_floor = 0.02", ""),
             (
                 f"width = {TOOTH_WIDTH * chain.inner_width * chain.strands:.3g}",

@@ -286,6 +286,7 @@ _CHAIN = {
     "links": _count_schema("number of links"),
     "pitch": _number_schema("m", "without wear"),
     "elongation": _number_schema("1", "mean elongation by wear"),
+    "kind": _text_schema("roller or silent"),
     "roller_mass": _number_schema("kg", "mass of the chain over its rollers"),
     "size": _text_schema("of the catalogue; null for none", null=True),
     "breaking_load": _number_schema("N", "of the size; null for none", null=True),

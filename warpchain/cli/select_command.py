@@ -193,7 +193,8 @@ def _selection_lines(asked: PowerRequest, found: list[Selection]) -> list[str]:
         f"{100.0 * elongation_limit(max(asked.teeth)):.3g} % longer; ~ ISO 10823 has charts only, an ESTIMATE",
         "links: the nearest even number, centers with a taut chain (DIN 8196 would round up)",
         f"breaks at: times the pull; oil: {', '.join(f'{oil} {LUBRICATION[oil]}' for oil in oils)}",
-        f"left out: {LEFT_OUT}, and sizes of more than {MOST_SURPLUS:g} times that power",
+        f"left out: {LEFT_OUT}; sizes of more than {MOST_SURPLUS:g} times that power; silent chains, which these "
+        "standards do not rate",
     ]
 
 

@@ -1,12 +1,14 @@
 """Chains by size: dimensions, mass, breaking load, and an estimate of a link's stiffness.
 
 Dimensions and strengths are of ISO 606:2015, Table 1 (series A's strengths of ASME B29.1), and ISO 10190:2008 for
-motorcycles; sources: docs/catalogue.md. Masses beyond simplex chains of ISO 606 are estimates:
+motorcycles; pitches and widths of silent chains are of ASME B29.2M. Sources: docs/catalogue.md. Masses beyond simplex
+chains of ISO 606 are estimates, as all else is of silent chains:
 
     several strands:    m' = n m'_1;  series A and heavy series  F_u = n F_u1                                    (a)
     motorcycles:        m' = m'_0 + rho pi d1^2 (b1 - b1_0) / (4 p), index 0 of ISO 606 with pitch and roller    (b)
     bush chains:        d1, b1, d2 with p, and m', F_u with p^2, from 06C                                        (c)
     084:                m' = m'_0 F_u / F_u0, index 0 for 083                                                    (d)
+    silent chains:      m' = 0.95 rho p b / 2, plates in half the width b;  F_u = 12,500 lbf p b / in^2          (e)
 """
 
 from __future__ import annotations
@@ -14,6 +16,8 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
+
+from warpchain.drive.plate import BACK_HEIGHT, PIN_RADIUS, PLATE_AREA
 
 ELONGATION_AT_BREAKING_LOAD = 0.01
 """Elongation of an elastic link at the breaking load [-], for the estimate of stiffness."""
@@ -24,6 +28,8 @@ INNER_WIDTHS = 1.48
 
 STEEL = 7850.0
 """Density of steel [kg/m^3]."""
+SERIES_A_STRENGTH = 12_500.0 * 4.4482216152605 / 0.0254**2
+"""Strength of a series A strand over its squared pitch [N/m^2]."""
 
 
 @dataclass(frozen=True)
@@ -33,13 +39,14 @@ class CatalogueChain:
     Attributes:
         size: number in its standard, such as "16B-2" with two strands.
         pitch: p [m].
-        roller_diameter: d1, largest [m]; of a bush chain the bush's.
-        inner_width: b1, between the inner plates of a strand, least [m].
+        roller_diameter: d1, largest [m]; of a bush chain the bush's, of a silent one twice its back's height.
+        inner_width: b1, between the inner plates of a strand, least [m]; of a silent chain its nominal width.
         pin_diameter: d2, largest [m].
         mass_per_length: approximate [kg/m].
         breaking_load: F_u, least tensile strength [N].
         standard: "" for none.
         estimate: which values are estimates, and how formed; "" for none.
+        kind: "roller", also of bush chains, or "silent".
     """
 
     size: str
@@ -52,6 +59,7 @@ class CatalogueChain:
     strands: int = 1
     standard: str = "ISO 606"
     estimate: str = ""
+    kind: str = "roller"
 
     @property
     def roller_radius(self) -> float:
@@ -62,6 +70,11 @@ class CatalogueChain:
     def pin_radius(self) -> float:
         """Radius of the pin [m]."""
         return self.pin_diameter / 2.0
+
+    @property
+    def bearing_share(self) -> float:
+        """Width of a joint's bearing over `inner_width` [-]: that of the bushes; of a silent chain half its own."""
+        return 0.5 if self.kind == "silent" else INNER_WIDTHS
 
     @property
     def estimated_stiffness(self) -> float:
@@ -153,6 +166,17 @@ size  pitch  roller  width    pin   like  breaking load
 530  15.875   10.16    9.4   5.09    10A   26.4
 630   19.05   11.91    9.4   5.96    12A   35.3
 """
+_SILENT_WIDTHS = {
+    3: (2, 3, 4, 6, 8),
+    4: (2, 3, 4, 6, 8),
+    5: (4, 6, 8, 10),
+    6: (4, 6, 8, 12),
+    8: (8, 12, 16),
+    10: (12, 16, 20),
+    12: (12, 16, 24),
+    16: (16, 24, 32),
+}
+"""Usual widths of silent chains [1/4 in] by pitch [1/8 in], the numerals of ASME B29.2M after SC."""
 
 
 def _catalogue_rows(table: str) -> Iterator[tuple[list[str], CatalogueChain]]:
@@ -211,6 +235,23 @@ def _bush_chain(pitch: float, like: CatalogueChain) -> CatalogueChain:
     )
 
 
+def _silent_chain(size: str, pitch: float, width: float, standard: str = "") -> CatalogueChain:
+    """Silent chain of a pitch and a nominal width [m], (e)."""
+    kept = "pitch and width" if standard else "the pitch; its width is two pitches"
+    return CatalogueChain(
+        size=size,
+        pitch=pitch,
+        roller_diameter=2.0 * BACK_HEIGHT * pitch,
+        inner_width=width,
+        pin_diameter=2.0 * PIN_RADIUS * pitch,
+        mass_per_length=float(f"{0.5 * PLATE_AREA * STEEL * pitch * width:.3g}"),
+        breaking_load=float(f"{SERIES_A_STRENGTH * pitch * width:.3g}"),
+        standard=standard,
+        estimate=f"all but {kept}: plates in half the width, as strong as series A for pitch times width",
+        kind="silent",
+    )
+
+
 def _catalogue_chains() -> Iterator[CatalogueChain]:
     """Every chain of the catalogue."""
     plain = {}
@@ -232,17 +273,28 @@ def _catalogue_chains() -> Iterator[CatalogueChain]:
     for pitch in (0.007, 0.008):
         yield _bush_chain(pitch, bushes[0])
     yield _KART
+    for eighths, widths in _SILENT_WIDTHS.items():
+        for quarters in widths:
+            pitch, width = (float(f"{size:g}e-3") for size in (3.175 * eighths, 6.35 * quarters))
+            yield _silent_chain(f"SC{eighths}{quarters:02d}", pitch, width, "ASME B29.2M")
+    for pitch in (0.00635, 0.008):
+        yield _silent_chain(f"silent-{1e3 * pitch:g}", pitch, 2.0 * pitch)
 
 
 CHAINS: dict[str, CatalogueChain] = {chain.size: chain for chain in _catalogue_chains()}
 """Chains of the catalogue by size."""
 
 
+def _roller_text(chain: CatalogueChain) -> str:
+    """Diameter of a chain's rollers [mm] as text; a dash for none."""
+    return "-" if chain.kind == "silent" else f"{1e3 * chain.roller_diameter:.2f}"
+
+
 def catalogue_text() -> str:
     """The catalogue of chains as a table for a terminal."""
-    lines = ["size    pitch   roller  inner width    pin        mass   breaking load  stiffness estimate"]
+    lines = ["size           pitch   roller  inner width    pin        mass   breaking load  stiffness estimate"]
     lines += [
-        f"{chain.size:6} {1e3 * chain.pitch:7.3f} {1e3 * chain.roller_diameter:7.2f} {1e3 * chain.inner_width:9.2f} "
+        f"{chain.size:13} {1e3 * chain.pitch:7.3f} {_roller_text(chain):>7} {1e3 * chain.inner_width:9.2f} "
         f"{1e3 * chain.pin_diameter:9.2f} mm "
         f"{'~' * bool(chain.estimate) + format(chain.mass_per_length, '.2f'):>8} kg/m "
         f"{1e-3 * chain.breaking_load:8.1f} kN {chain.estimated_stiffness:11.3g} N/m"
@@ -255,5 +307,7 @@ def catalogue_text() -> str:
         "good to a factor of three. Masses are approximate;",
         "~ marks estimates: of bush-7 and bush-8 all but the pitch, of the others the mass. "
         "04C and 06C are the bush chains of 6.35 and 9.525 mm.",
+        "SC302 to silent-8 are silent chains, without rollers and of that width: all but pitch and width are "
+        "estimates, of silent-6.35 and silent-8 the width, too.",
     ]
     return "\n".join(lines)

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
 from pydantic import AfterValidator, Field, WithJsonSchema
 from pydantic_core import PydanticCustomError
 
-from warpchain.drive.catalogue import CHAINS, INNER_WIDTHS
+from warpchain.drive.catalogue import CHAINS
 from warpchain.drive.plate import (
     BACK_HEIGHT,
     FLANK_ANGLE,
@@ -90,12 +90,13 @@ Stiffness = Annotated[
 
 def _with_back_as_radius(values: Mapping[str, Any]) -> Mapping[str, Any]:
     """Values of a silent chain, which touches guides as rollers of its back's height would."""
-    back: Any = values.get("back_height")
-    if back is None:
-        own = values.get("pitch")
-        pitch: Any = converted_number(own, "m") if isinstance(own, str) else own
-        back = BACK_HEIGHT * pitch if are_numbers(pitch) else None
-    return values if back is None or values.get("roller_radius") is not None else {**values, "roller_radius": back}
+    if values.get("roller_radius") is not None:
+        return values
+    key, part = ("pitch", BACK_HEIGHT) if values.get("back_height") is None else ("back_height", 1.0)
+    own = values.get(key)
+    length: Any = converted_number(own, "m") if isinstance(own, str) else own
+    is_right = are_numbers(length) and 0.0 < length < math.inf  # if not, the key's own rule says so
+    return {**values, "roller_radius": part * length if is_right else 1.0}
 
 
 def chain_plate(chain: Any) -> Plate:
@@ -280,7 +281,7 @@ class Chain(Part):
     tip_radius: Positive | None = None
 
     _replaces: ClassVar[Mapping[str, tuple[str, ...]]] = {
-        "size": ("pitch", "roller_radius", "roller_mass", "mass_per_length", "stiffness"),
+        "size": ("kind", "pitch", "roller_radius", "roller_mass", "mass_per_length", "stiffness"),
         "roller_mass": ("mass_per_length",),
         "mass_per_length": ("roller_mass",),
         "damping": ("damping_ratio",),
@@ -457,10 +458,11 @@ class Chain(Part):
 
     @property
     def joint_area(self) -> float | None:
-        """Bearing area of a joint, d2 b2 [m^2]; None without size."""
+        """Bearing area of a joint [m^2], d2 b2, of a silent chain d2 b / 2; None without size."""
         if self.size is None or self.pin_radius is None:
             return None
-        return 2.0 * self.pin_radius * INNER_WIDTHS * CHAINS[self.size].inner_width * CHAINS[self.size].strands
+        size = CHAINS[self.size]
+        return 2.0 * self.pin_radius * size.bearing_share * size.inner_width * size.strands
 
     @property
     def breaking_load(self) -> float | None:
@@ -473,17 +475,27 @@ class Chain(Part):
         return self.size is not None and self.stiffness == CHAINS[self.size].estimated_stiffness
 
     @classmethod
+    def _unsaid_values(cls, values: Mapping[str, Any]) -> Mapping[str, Any]:
+        return {"roller_radius": values.get("roller_radius")} if values.get("kind") == "silent" else {}
+
+    @classmethod
     def _complete_values(cls, values: Any) -> Any:
         """A chain's values with those that the size fills."""
-        size = node_value(values, "size")
-        if isinstance(values, Mapping) and node_value(values, "kind") == "silent":
-            values = _with_back_as_radius(values)
-        if not isinstance(values, Mapping) or not isinstance(size, str):
+        if not isinstance(values, Mapping):
             return values
+        if isinstance(size := values.get("size"), str):
+            values = cls._with_values_of_size(values, size)
+        return _with_back_as_radius(values) if values.get("kind") == "silent" else values
+
+    @classmethod
+    def _with_values_of_size(cls, values: Mapping[str, Any], size: str) -> Mapping[str, Any]:
+        """A chain's values with those of a size of the catalogue."""
         if size not in CHAINS:  # which its own rule says; the stiffness that asks for its estimate is right
             return dict(values) | {"stiffness": 1.0} if values.get("stiffness") == ESTIMATE else values
         chain = CHAINS[size]
-        filled = {key: getattr(chain, key) for key in cls._filled}
+        filled: dict[str, Any] = {"kind": chain.kind, "pitch": chain.pitch}
+        if chain.kind == "roller":
+            filled["roller_radius"] = chain.roller_radius
         if values.get("roller_mass") is None:
             filled["mass_per_length"] = chain.mass_per_length
         whole = dict(values) | {key: value for key, value in filled.items() if values.get(key) is None}
@@ -500,6 +512,9 @@ class Chain(Part):
         radius, pitch = node_value(node, "roller_radius"), node_value(node, "pitch")
         if node_value(node, "size") is None or node_value(node, "roller_mass") is not None:
             yield from exactly_one_rule(node, "roller_mass", "mass_per_length")
+        size, kind = node_value(node, "size"), node_value(node, "kind")
+        if isinstance(size, str) and size in CHAINS and kind is not None and kind != CHAINS[size].kind:
+            yield Problem(("kind",), kind, f'must be "{CHAINS[size].kind}", as size {size} is')
         yield from at_most_rule(node, "links", MOST_LINKS)
         if node_value(node, "outer") is not None and are_numbers(links := node_value(node, "links")) and links % 2:
             yield Problem(("links",), links, "must be even where outer links differ")
@@ -548,10 +563,11 @@ def _plate_rules(node: Any) -> Iterable[Problem]:
     for key in ("attachments", "load", "ends"):
         if node_value(node, key):
             yield Problem((key,), None, 'not together with kind = "silent"', BARE)
-    given = [value for key in PLATE_KEYS if (value := node_value(node, key)) is not None]
-    if not are_numbers(
-        pitch, *(x for value in given for x in (value if isinstance(value, (list, tuple)) else [value]))
-    ):
+    own = {key: value for key in PLATE_KEYS if (value := node_value(node, key)) is not None}
+    depths = own.pop("toe_depths", (pitch, pitch))
+    if not isinstance(depths, list | tuple) or len(depths) != 2:
+        return
+    if not are_numbers(*(numbers := (pitch, *depths, *own.values()))) or min(numbers) <= 0.0:
         return
     plate = chain_plate(node)
     if are_numbers(radius) and radius != plate.back_height:

@@ -211,7 +211,8 @@ def _contact_values(values: Mapping[str, Any], chain: Any) -> Values:
     if node_value(given, "impact_speed_floor") is None:
         yield (*place, "impact_speed_floor"), LAW["impact_speed_floor"]
     if node_value(given, "clearance") is None and node_value(given, "profile") in (None, "circular"):
-        yield (*place, "clearance"), rounded_to_two_figures(CLEARANCE * pitch)
+        silent = "silent" in (node_value(chain, "kind"), None if size is None else size.kind)
+        yield (*place, "clearance"), 0.0 if silent else rounded_to_two_figures(CLEARANCE * pitch)
     if node_value(given, "stiffness") is None:
         inner = INNER_WIDTH * pitch if size is None else size.inner_width
         made = (TOOTH_WIDTH * inner * strands, _estimated_pull(values, size, pitch), STEEL_BODY, STEEL_BODY)

@@ -423,6 +423,9 @@ def drive_values(drive: Drive) -> dict[str, Any]:
     for sprocket in values["sprockets"]:
         if sprocket["teeth"] == END_TEETH:
             del sprocket["teeth"]
+    for chain in values.get("chains") or [values["chain"]]:
+        if chain["kind"] == "silent":
+            del chain["roller_radius"]
     return values
 
 

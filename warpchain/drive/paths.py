@@ -132,7 +132,7 @@ class _EditableTable(dict[str, Any]):
     """Values of a part to be changed, and which keys were set."""
 
     def __init__(self, cls: type[Part], values: Mapping[str, Any]) -> None:
-        unsaid = cls._unsaid
+        unsaid = cls._unsaid_values(values)
         super().__init__({key: value for key, value in values.items() if key not in unsaid or value != unsaid[key]})
         self.cls = cls
         self.assigned: set[str] = set()

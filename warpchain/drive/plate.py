@@ -28,6 +28,8 @@ ROOT_DEPTH = 0.6
 """Depth of the wheel's roots below the line of the pins over the pitch."""
 LEAST_TEETH = 17
 """Least teeth of a wheel, of the standard."""
+PIN_RADIUS, PLATE_AREA = 0.15, 0.95
+"""Estimates for pins over the pitch, and for a plate's area over its square, pins included."""
 PLATE_KEYS = ("flank_angle", "flank_distance", "back_height", "toe_depths", "tip_radius")
 """Keys of a chain that describe its plates."""
 
@@ -102,6 +104,14 @@ def tooth_corner(plate: Plate, teeth: int, pitch: float) -> float:
     tip = wheel_tip_radius(teeth, pitch)
     across = radius * sin(gamma) - f
     return sqrt(tip * tip - across * across) - radius * cos(gamma)
+
+
+def top_radius(plate: Plate, teeth: int, pitch: float) -> float:
+    """Radius of the pins of a link whose two toes stand on a wheel's tips [m]."""
+    x, y = plate.flank_end(1)
+    half, reach = 0.5 * plate.pitch, wheel_tip_radius(teeth, pitch) + plate.tip_radius
+    height = y + sqrt(reach * reach - (half - x) * (half - x))
+    return sqrt(height * height + half * half)
 
 
 def plate_problems(plate: Plate) -> Iterator[tuple[str, Any, str]]:

@@ -338,6 +338,11 @@ class Part(BaseModel):
         return dict(values) | {key: number(values[key], key, (key,)) for key in units_of}, problems
 
     @classmethod
+    def _unsaid_values(cls, values: Mapping[str, Any]) -> Mapping[str, Any]:
+        """Values by key that files do not say, and that follow from the others."""
+        return cls._unsaid
+
+    @classmethod
     def _complete_values(cls, values: Any) -> Any:
         """Values of a part with those that follow from others."""
         return values

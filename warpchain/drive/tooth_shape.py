@@ -135,13 +135,17 @@ def gap_outline(tooth: Tooth, teeth: int, pitch_radius: float, arc_points: int =
     return np.vstack([half[::-1] * [1.0, -1.0], half[1:]])
 
 
-def teeth_outline(tooth: Tooth, teeth: int, pitch_radius: float, arc_points: int = 9) -> NDArray[np.float64]:
-    """Closed outline of a sprocket's teeth (P, 2) [m], a seat at (pitch_radius, 0)."""
+def teeth_around(gap: NDArray[np.float64], teeth: int) -> NDArray[np.float64]:
+    """Closed outline (P, 2) [m] of a wheel whose gaps between teeth's middles are alike, one about the x axis."""
     import numpy as np
 
-    gap = gap_outline(tooth, teeth, pitch_radius, arc_points)
     turn = 2.0 * math.pi / teeth * np.arange(teeth)
     cosine, sine = np.cos(turn)[:, None], np.sin(turn)[:, None]
     points = np.stack([gap[:, 0] * cosine - gap[:, 1] * sine, gap[:, 0] * sine + gap[:, 1] * cosine], axis=-1)
     outline = points.reshape(-1, 2)
     return np.vstack([outline, outline[:1]])
+
+
+def teeth_outline(tooth: Tooth, teeth: int, pitch_radius: float, arc_points: int = 9) -> NDArray[np.float64]:
+    """Closed outline of a sprocket's teeth (P, 2) [m], a seat at (pitch_radius, 0)."""
+    return teeth_around(gap_outline(tooth, teeth, pitch_radius, arc_points), teeth)

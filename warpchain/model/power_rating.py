@@ -5,13 +5,11 @@ from __future__ import annotations
 import math
 from typing import Any, NamedTuple
 
-from warpchain.drive.catalogue import CHAINS
+from warpchain.drive.catalogue import CHAINS, SERIES_A_STRENGTH
 from warpchain.drive.stack_math import minimum, power
 
 HORSEPOWER, INCH, FOOT_A_MINUTE = 745.6998715822702, 0.0254, 0.00508
 """Horsepower [W], inch [m] and foot a minute [m/s]."""
-SERIES_A_STRENGTH = 12_500.0 * 4.4482216152605
-"""Strength of a series A strand over its squared pitch [N/in^2]."""
 STRAND_FACTORS = {1: 1.0, 2: 1.7, 3: 2.5}
 """Rated power over one strand's [-]."""
 SERVICE_FACTORS = {
@@ -50,7 +48,7 @@ class SizeRating(NamedTuple):
 
 
 def size_rating(size: str | None) -> SizeRating | None:
-    """Rating coefficients of a chain size; None without a rating."""
+    """Rating coefficients of a chain size; None without a rating, as of silent chains."""
     name = "" if size is None else size.partition("-")[0]
     if name not in CHAINS or size is None:
         return None
@@ -61,7 +59,7 @@ def size_rating(size: str | None) -> SizeRating | None:
     elif name.endswith("C"):
         rollers = 29.0
     elif name.endswith("B"):
-        plates *= chain.breaking_load / (SERIES_A_STRENGTH * (chain.pitch / INCH) ** 2)
+        plates *= chain.breaking_load / (SERIES_A_STRENGTH * chain.pitch**2)
         standard = "ISO 10823, an ESTIMATE by ASME B29.1"
     elif not (name.endswith(("A", "H")) and chain.standard):
         return None

@@ -14,6 +14,7 @@ from warpchain.drive.face_profile import Profile
 from warpchain.drive.tooth_shape import teeth_outline
 from warpchain.model import ChainModel
 from warpchain.results.arm_pivots import arm_pivots
+from warpchain.results.plate_outlines import wheel_outline
 from warpchain.results.run import Trajectory
 
 Array = NDArray[np.float64]
@@ -135,7 +136,10 @@ def tooth_outline(model: ChainModel, s: int, arc_points: int = 9) -> Array:
     if model.sprockets[s].is_end:
         turn = np.linspace(0.0, 2.0 * math.pi, 12 * arc_points + 1)
         return (model.sprockets[s].rim or model.chain.roller_radius) * np.stack([np.cos(turn), np.sin(turn)], axis=1)
-    return teeth_outline(model.tooth(s), model.sprockets[s].teeth, model.pitch_radius(s), arc_points)
+    teeth = model.sprockets[s].teeth
+    if model.chain.is_silent:
+        return wheel_outline(model.chain.plate, teeth, model.sprocket_pitch(s), arc_points)
+    return teeth_outline(model.tooth(s), teeth, model.pitch_radius(s), arc_points)
 
 
 def guide_outline(model: ChainModel, g: int) -> Array:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import textwrap
+from contextlib import suppress
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -27,6 +28,7 @@ from warpchain.results.outlines import (
     teeth_parts,
     turn_points,
 )
+from warpchain.results.plate_outlines import pin_outlines, plate_outlines
 from warpchain.results.run import Trajectory, require_channels
 from warpchain.results.units import display_unit
 from warpchain.view.figures.figure_style import CHAIN_COLORS, FIGURE_STYLE, LEGEND_SIZE, TICK_SIZE, run_line
@@ -46,6 +48,8 @@ PART_STYLES: dict[str, dict[str, Any]] = {
     "spring": {"color": STEEL, "lw": 1.0, "zorder": 1},
     "housing": {"fc": "0.88", "ec": STEEL, "lw": 0.7, "zorder": 1},
     "plunger": {"fc": "0.65", "ec": STEEL, "lw": 0.7, "zorder": 0.5},
+    "plate": {"facecolors": ("0.8", "0.7"), "edgecolors": STEEL, "linewidths": 0.5, "zorder": 2.8},
+    "pin": {"facecolors": "white", "edgecolors": STEEL, "linewidths": 0.5, "zorder": 2.85},
 }
 """Styles of a drive picture's parts by kind; a face closes the outline."""
 
@@ -103,8 +107,12 @@ def drive_figure(
             draw_dimensions(axis, chain.model, chain.pose, reached, factor, named, color if several else None)
         labels += named.values()
         loop = factor * chain_line(chain.model, chain.line)
+        plates = chain.model.chain.is_silent and len(chain.line) == chain.model.chain.links
+        if plates:
+            draw_plates(axis, chain.model, chain.line, factor)
         if several or not colored:
-            axis.plot(*loop.T, color=color, lw=5.5 if colored else 2, zorder=2.9, label=chain.model.name or None)
+            width = 5.5 if colored else 0.8 if plates else 2
+            axis.plot(*loop.T, color=color, lw=width, zorder=2.9, label=chain.model.name or None)
     if isinstance(of, Trajectory) and tension is not None:
         drawn = [chain_line(chain.model, chain.line) for chain in chains]
         draw_tension_chain(axis, drawn, tension, tension_scale_top([of]) if top is None else top, factor)
@@ -191,9 +199,25 @@ class _PosedChain(NamedTuple):
 
 
 def _chain_at_start(model: ChainModel) -> _PosedChain:
-    """A drive's chain to draw along its path, at the start."""
+    """A drive's chain to draw along its path, at the start; a silent one that fits through its pins."""
     path = chain_path(model)
-    return _PosedChain(model, pose_at_start(model, path), chain_outline(model, path))
+    line = chain_outline(model, path)
+    if model.chain.is_silent:
+        with suppress(DriveError):
+            line = assemble_chain(model).position
+    return _PosedChain(model, pose_at_start(model, path), line)
+
+
+def draw_plates(axis: Any, model: ChainModel, position: Array, factor: float) -> None:
+    """Draws plates and pins of a silent chain at places (N, 2) [m], the links of odd index in front."""
+    from matplotlib.collections import PolyCollection
+
+    plates = plate_outlines(model, position)
+    for row, behind in ((0, 0.02), (1, 0.0)):
+        style = PART_STYLES["plate"]
+        own = {"facecolors": style["facecolors"][row], "zorder": style["zorder"] - behind}
+        axis.add_collection(PolyCollection(list(factor * plates[row::2]), **style | own))
+    axis.add_collection(PolyCollection(list(factor * pin_outlines(model, position)), **PART_STYLES["pin"]))
 
 
 def draw_parts(

@@ -175,8 +175,9 @@ def friction_parts(found: EngineeringReport, row: Row) -> Iterator[str]:
 
 def safety_parts(found: EngineeringReport, row: Row) -> Iterator[str]:
     """HTML of the report's section on tooth jump, slack strands and untouched guides."""
+    climbing = "pins" if found.model.chain.is_silent else "rollers"
     yield html.paragraph_html(
-        "What rollers inside the wraps still had to climb to where the flanks end (100 % in a seat, 0 % where the "
+        f"What {climbing} inside the wraps still had to climb to where the flanks end (100 % in a seat, 0 % where the "
         "chain jumps), and for how long strands carry no tension in their middles and guides are not touched."
     )
     metrics = found.metrics()

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from warpchain.results.arm_pivots import arm_pivots
 from warpchain.results.nearest_parts import roller_contact_forces
 from warpchain.results.outlines import arm_outline, chain_line, guide_outline, tensioner_outline, tooth_outline
+from warpchain.results.plate_outlines import pin_radius, plate_outlines
 from warpchain.results.run import Trajectory, require_channels
 from warpchain.view.palette import Color, curve_colors, packed_tension_colors, tension_color_steps
 from warpchain.view.rerun.streams import (
@@ -29,6 +30,8 @@ if TYPE_CHECKING:
 ARROW_LENGTH = 0.12
 """Length of the longest contact-force arrow in Rerun over the drive's size."""
 STEEL, PLATES = (150, 155, 165), (105, 105, 110)
+PLATE_ARC_POINTS = 3
+"""Points of a plate's arcs in Rerun, where each frame holds every plate's outline."""
 COMMON_NAMES = "shafts"
 """Rerun's entity above the names of sprockets about one center."""
 DRAWN_FIRST = 5.0
@@ -102,7 +105,7 @@ def log_chain_outline(stream: rr.RecordingStream, path: str, shown: Trajectory, 
 
 
 def _log_chain(stream: rr.RecordingStream, root: str, shown: Trajectory, x: NDArray[np.float32], top: float) -> None:
-    """Logs the chain to Rerun: rollers colored by tension, on a line."""
+    """Logs the chain to Rerun: rollers colored by tension, on a line; of a silent chain pins, on plates."""
     import pyarrow as pa
     import rerun as rr
 
@@ -110,26 +113,25 @@ def _log_chain(stream: rr.RecordingStream, root: str, shown: Trajectory, x: NDAr
     frames, links = tension.shape
     line, points = rr.LineStrips2D, rr.Points2D
     chain, rollers = entity_path(root, "drive", "chain"), entity_path(root, "drive", "rollers")
-    style = line.from_fields(radii=[0.08 * shown.model.chain.pitch], colors=[PLATES], draw_order=DRAWN_FIRST)
+    silent, pitch = shown.model.chain.is_silent, shown.model.chain.pitch
+    style = line.from_fields(radii=[(0.03 if silent else 0.08) * pitch], colors=[PLATES], draw_order=DRAWN_FIRST)
     stream.log(chain, style, static=True)
-    stream.log(rollers, points.from_fields(radii=[shown.model.chain.roller_radius]), static=True)
-    send_columns(
-        stream,
-        chain,
-        shown.time,
-        [
-            ComponentValues(
-                line.descriptor_strips(), list_array(line_strip_array(chain_line(shown.model, x)), 1, frames)
-            )
-        ],
-    )
+    radius = pin_radius(shown.model) if silent else shown.model.chain.roller_radius
+    stream.log(rollers, points.from_fields(radii=[radius]), static=True)
+    if silent:
+        (position,) = require_channels(shown, "position")
+        strips, each = flipped_points(plate_outlines(shown.model, position, PLATE_ARC_POINTS)), links
+    else:
+        strips, each = chain_line(shown.model, x), 1
+    drawn = ComponentValues(line.descriptor_strips(), list_array(line_strip_array(strips), each, frames))
+    send_columns(stream, chain, shown.time, [drawn])
     colors = pa.array(packed_tension_colors(tension_color_steps(tension, top)).ravel())
-    drawn = [(points.descriptor_positions(), vector_array(x)), (points.descriptor_colors(), colors)]
+    columns = [(points.descriptor_positions(), vector_array(x)), (points.descriptor_colors(), colors)]
     send_columns(
         stream,
         rollers,
         shown.time,
-        [ComponentValues(what, list_array(values, links, frames)) for what, values in drawn],
+        [ComponentValues(what, list_array(values, links, frames)) for what, values in columns],
     )
 
 

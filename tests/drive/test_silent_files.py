@@ -1,0 +1,109 @@
+"""Silent chains in drive files: what they fill, the way there and back, and what does not go with them."""
+
+import math
+import re
+from pathlib import Path
+
+import pytest
+from silent import silent_drive
+
+from warpchain import dumps_drive, loads_drive
+from warpchain.assembly.summary import derive, report
+from warpchain.drive.catalogue import CHAINS
+from warpchain.drive.plate import PLATE_KEYS
+from warpchain.errors import DriveError
+
+ROOT = Path(__file__).resolve().parent.parent.parent
+
+
+def test_a_file_says_the_back_once_and_reads_back_equal():
+    drive = silent_drive()
+    text = dumps_drive(drive)
+    assert 'kind = "silent"' in text and "roller_radius" not in text
+    assert loads_drive(text) == drive
+    assert drive.chain.roller_radius == pytest.approx(0.4 * 9.525e-3, rel=1e-12)
+
+
+def test_the_back_follows_a_changed_pitch_and_a_changed_height():
+    other = {"chain.pitch": 0.0127, "sprockets.driven.center": [0.296, 0.0]}
+    assert silent_drive(**other).chain.roller_radius == pytest.approx(0.4 * 0.0127, rel=1e-12)
+    assert silent_drive(**{"chain.back_height": 0.003}).chain.roller_radius == 0.003
+
+
+def sized_drive(**values):
+    """Two wheels with a chain of size SC304 and what its file must say beside it, with values replaced."""
+    text = """
+[chain]
+size = "SC304"
+[[sprockets]]
+teeth = 23
+center = [0.0, 0.0]
+prescribed = { speed = 200.0 }
+[[sprockets]]
+teeth = 23
+center = [0.22225, 0.0]
+load = { torque = 5.0 }
+"""
+    return loads_drive(text).with_values(values)
+
+
+def test_a_size_fills_the_kind_and_what_follows():
+    drive, size = sized_drive(), CHAINS["SC304"]
+    chain = drive.chain
+    assert (chain.kind, chain.pitch, chain.links) == ("silent", 9.525e-3, 70)  # 2 * 0.22225 / 9.525e-3 + 23 = 69.67
+    assert chain.roller_radius == pytest.approx(0.4 * 9.525e-3, rel=1e-15)
+    assert chain.stiffness == size.estimated_stiffness and chain.mass_per_length == size.mass_per_length
+    assert chain.joint_area == pytest.approx(0.3 * 9.525e-3 * 0.0254 / 2, rel=1e-12)
+    assert drive.contact.sprocket.clearance == 0.0
+    assert loads_drive(dumps_drive(drive)) == drive
+
+
+def test_another_size_is_another_kind():
+    rollers = sized_drive(**{"chain.size": "06B"})
+    assert not rollers.chain.is_silent and rollers.chain.roller_radius == CHAINS["06B"].roller_radius
+    back = rollers.with_values({"chain.size": "SC304"})
+    assert back.chain == sized_drive().chain
+
+
+def test_a_given_back_is_the_radius_of_a_sized_chain():
+    assert sized_drive(**{"chain.back_height": 0.003}).chain.roller_radius == 0.003
+
+
+@pytest.mark.parametrize(
+    ("values", "line"),
+    [
+        ({"chain.kind": "roller"}, 'chain.kind = "roller": must be "silent", as size SC304 is'),
+        ({"chain.size": "06B", "chain.kind": "silent"}, 'chain.kind = "silent": must be "roller", as size 06B is'),
+        ({"chain.roller_radius": 0.003},
+         'chain.roller_radius = 0.003: not together with kind = "silent"; give back_height'),
+    ],
+)  # fmt: skip
+def test_what_does_not_go_with_a_size_is_refused(values, line):
+    with pytest.raises(DriveError) as refused:
+        sized_drive(**values)
+    assert line in refused.value.errors
+
+
+@pytest.mark.parametrize("key", ["pitch", *PLATE_KEYS])
+@pytest.mark.parametrize("value", [[], [1.0, "a"], (0.002, 0.004, 0.006), -1.0, "x", {}, math.inf])
+def test_wrong_values_of_plates_are_errors_of_the_drive(key, value):
+    with pytest.raises(DriveError, match=f"^chain.{key}") as refused:
+        silent_drive(**{f"chain.{key}": value})
+    assert len(refused.value.errors) == 1
+
+
+def test_check_speaks_of_links_and_gaps_and_rates_no_silent_chain():
+    drive = sized_drive()
+    text = report(derive(drive))
+    assert "kg a link" in text and "a free link rebounds" in text and "roller rebounds" not in text
+    assert "rating: none; ASME B29.1 and ISO 10823 rate roller chains only" in text
+    assert "d2 by half the width" in text and "ISO 606" not in text
+    # the gap's two flanks are 2 (30 - 180 / 23) degrees apart
+    assert "gap angle" in text and f"{2 * (30 - 180 / 23):.1f} deg" in text
+
+
+def test_the_pages_drive_is_that_of_its_picture():
+    page = (ROOT / "docs" / "silent-chains.md").read_text()
+    (text,) = re.findall(r"^```toml\n(.*?)^```", page, re.MULTILINE | re.DOTALL)
+    assert text == (ROOT / "scripts" / "drawings" / "silent.toml").read_text()
+    assert derive(loads_drive(text))["layout"] == []
