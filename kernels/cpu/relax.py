@@ -128,6 +128,9 @@ def relax_kernel(Real: type, capacity: int, silent: bool = False) -> wp.Kernel:
                 relax_arms(ensemble, state, drive, relaxation_kick(s, restart), s.step)
                 rollers.kick_and_drift(w, n, chain, Real(relaxation_kick(s, restart)), Real(s.step))
                 s.steps = s.steps + 1
+        if wp.static(silent):
+            if drive.points > 1:
+                toes.put_back_pushes(state, drive, w)
         settling[variant] = s
         rollers.put_back(state, w, drive.first_roller, n)
 

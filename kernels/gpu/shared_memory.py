@@ -133,9 +133,10 @@ def parts_per_body(kind: BlockKind) -> int:
     """Into how many parts the sum over all rollers of what acts on a body is taken apart.
 
     A roller has one, or a thread: on one warp, where that is the same order, which it is not where a roller may press
-    on an arm in two ways, and where the rollers are many. What has no rollers has none.
+    on a body in two ways, and where the rollers are many. What has no rollers has none.
     """
-    by_threads = kind.shape.slots > LONGEST_IN_ORDER or (kind.shape.is_one_warp and not kind.parts.crowded_arms)
+    twice = kind.parts.crowded_arms or kind.silent
+    by_threads = kind.shape.slots > LONGEST_IN_ORDER or (kind.shape.is_one_warp and not twice)
     return kind.shape.threads if by_threads else kind.shape.room
 
 

@@ -22,6 +22,7 @@ class ToeLinkFunctions:
 
     Link: Any
     link_of_pin: wp.Function
+    with_motion: wp.Function
 
 
 @cache
@@ -53,27 +54,33 @@ def toe_link_functions(kind: BlockKind) -> ToeLinkFunctions:
         return roller_acceleration(force, chain.inverse_mass, chain.gravity)
 
     @wp.func
-    def link_of_pin(state: State, shared: Shared, mine: ThreadParts, j: int, other: int, arm: vec2):
-        """Link from pin j, `arm` from the wheel's center, to pin `other`."""
+    def link_of_pin(shared: Shared, j: int, other: int, arm: vec2):
+        """Link from pin j, `arm` from the wheel's center, to pin `other`, without its motion."""
         d = leading_value(
             difference(rollers.exact_position(shared.rows, other), rollers.exact_position(shared.rows, j))
         )
+        link = Link()
+        link.length = wp.sqrt(products(d[0], d[0], d[1], d[1]))
+        link.u = (Real(1.0) / link.length) * d
+        link.middle = arm + Real(0.5) * d
+        return link
+
+    @wp.func
+    def with_motion(state: State, shared: Shared, mine: ThreadParts, j: int, other: int, link: Link):
+        """The link with its velocities and accelerations."""
         v = rollers.velocity(shared.rows, j)
         w = rollers.velocity(shared.rows, other) - v
         a = pin_acceleration(state, shared, mine, j)
         b = pin_acceleration(state, shared, mine, other) - a
-        link = Link()
-        link.length = wp.sqrt(products(d[0], d[0], d[1], d[1]))
         inverse = Real(1.0) / link.length
-        link.u = inverse * d
         link.turn = inverse * products(link.u[0], w[1], -link.u[1], w[0])
         link.angular = inverse * products(link.u[0], b[1], -link.u[1], b[0])
         link.velocity = v + Real(0.5) * w
         link.acceleration = a + Real(0.5) * b
-        link.middle = arm + Real(0.5) * d
         return link
 
     return ToeLinkFunctions(
         Link=Link,
         link_of_pin=link_of_pin,
+        with_motion=with_motion,
     )

@@ -21,7 +21,7 @@ from ..physics.contact import (
     surface_velocity,
 )
 from ..physics.impact import law_at_roller
-from ..physics.toe import force_on_far_pin, point_mobility, toe_contact
+from ..physics.toe import force_on_far_pin, point_mobility, seated_toe_contact, toe_contact
 from ..physics.tooth import nearest_seat, tracked_seat_from
 from ..structs import Tallies
 from .block_kinds import BlockKind
@@ -149,8 +149,6 @@ def toe_functions(kind: BlockKind) -> ToeFunctions:
             access.store(state.push, push_at, size)
             if kept != before:
                 access.store(state.impact_speed, at, kept)
-            if size == Real(0.0):
-                access.store(state.damper_speed, at, Real(0.0))
 
     @wp.func
     def add_link_forces(
@@ -162,13 +160,21 @@ def toe_functions(kind: BlockKind) -> ToeFunctions:
         if after:
             other = chains.next_roller(shared, j, mine.rollers)
         end = End()
-        end.link = toe_links.link_of_pin(state, shared, mine, j, other, pin.arm)
+        end.link = toe_links.link_of_pin(shared, j, other, pin.arm)
         end.after = after
         x, y = end.link.u[0], end.link.u[1]
         u = vec2(products(x, e[0], y, e[1]), products(y, e[0], -x, e[1]))
         plate = shared.plates[chains.chain_number(shared, j)]
+        moves = bool(False)
         for k in range(2):
-            depth, n, z = toe_contact(pin.xi, pin.lateral, u, end.link.length, k, after, plate, shared.teeth[s])
+            depth, n, z, done = seated_toe_contact(
+                pin.xi, pin.lateral, u, end.link.length, k, after, plate, shared.teeth[s]
+            )
+            if done == 0:
+                depth, n, z = toe_contact(pin.xi, pin.lateral, u, end.link.length, k, after, plate, shared.teeth[s])
+            if depth > -shared.teeth[s].law.ahead and not moves:
+                end.link = toe_links.with_motion(state, shared, mine, j, other, end.link)
+                moves = True
             end.memory = pin.memory + k * chains.chain_length(shared, mine, j)
             end.depth = depth
             end.normal = rotated_vector(e, n[0], n[1])

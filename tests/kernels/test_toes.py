@@ -191,3 +191,14 @@ def test_bits_do_not_hang_on_cuts():
         ours, theirs = whole.sums()[name], pieces.sums()[name]
         for field in ours.dtype.names:
             np.testing.assert_allclose(ours[field], theirs[field], rtol=1e-12, err_msg=f"{name}.{field}")
+
+
+def test_blocks_take_the_steps_of_the_cpu_where_contacts_hardly_bear(fibers):
+    """From a violent start, in which closed contacts bear nothing for a while: their dampers pull."""
+    drive = silent_drive(speed=40.0, damping=500.0).with_values({"contact.sprocket.restitution": 0.3})
+    packed = blocks.pack_for([drive], [Schedule(drive.run.step, 500, 600, 700, 0)], "float64")
+    serial, none = stepped(packed, 400)
+    for each in (1, 100):
+        kind = blocks.kind_of(packed, blocks.shape_of([drive], each), measuring=False)
+        state, _ = blocks.run_blocks(packed, kind, [400], [0], none)
+        np.testing.assert_allclose(state.rollers.numpy(), serial.state.rollers.numpy(), atol=1e-9, rtol=1e-9)
