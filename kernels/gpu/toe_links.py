@@ -21,6 +21,7 @@ class ToeLinkFunctions:
     """Links of one variant's silent chains."""
 
     Link: Any
+    pin_acceleration: wp.Function
     link_of_pin: wp.Function
     with_motion: wp.Function
 
@@ -66,11 +67,10 @@ def toe_link_functions(kind: BlockKind) -> ToeLinkFunctions:
         return link
 
     @wp.func
-    def with_motion(state: State, shared: Shared, mine: ThreadParts, j: int, other: int, link: Link):
-        """The link with its velocities and accelerations."""
+    def with_motion(state: State, shared: Shared, mine: ThreadParts, j: int, other: int, a: vec2, link: Link):
+        """The link with its velocities and accelerations; `a` is that of pin j [m/s^2]."""
         v = rollers.velocity(shared.rows, j)
         w = rollers.velocity(shared.rows, other) - v
-        a = pin_acceleration(state, shared, mine, j)
         b = pin_acceleration(state, shared, mine, other) - a
         inverse = Real(1.0) / link.length
         link.turn = inverse * products(link.u[0], w[1], -link.u[1], w[0])
@@ -81,6 +81,7 @@ def toe_link_functions(kind: BlockKind) -> ToeLinkFunctions:
 
     return ToeLinkFunctions(
         Link=Link,
+        pin_acceleration=pin_acceleration,
         link_of_pin=link_of_pin,
         with_motion=with_motion,
     )

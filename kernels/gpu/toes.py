@@ -73,6 +73,16 @@ def toe_functions(kind: BlockKind) -> ToeFunctions:
         xi: Real  # from the seat along that [m]
         lateral: Real  # and across
         arm: vec2  # from the wheel's center [m]
+        acceleration: vec2  # by links, and by teeth as in the step before [m/s^2]
+
+    @wp.struct
+    class Reaction:
+        """Forces of teeth on a toe, as far as they are added up."""
+
+        near: vec2  # on its pin [N]
+        far: vec2  # on its link's other pin [N]
+        whole: vec2  # [N]
+        moment: Real  # on the wheel [N m]
 
     @wp.struct
     class End:
@@ -81,19 +91,21 @@ def toe_functions(kind: BlockKind) -> ToeFunctions:
         link: toe_links.Link
         after: wp.bool  # the link is the one after the pin
         memory: wp.int32  # place of the contact's memory
+        before: Real  # v0 [m/s]
+        pushed: Real  # force in the step before [N]
+        damper_speed: Real  # at which its damper acted then [m/s]
         depth: Real  # [m]
         normal: vec2
         place: vec2  # from the link's middle [m]
 
     @wp.func
-    def add_end_force(
-        state: State, tallies: Tallies, shared: Shared, mine: ThreadParts, now: Now, j: int, s: int, end: End
+    def with_end_force(
+        state: State, tallies: Tallies, shared: Shared, mine: ThreadParts, now: Now, pin: Pin, end: End, sum: Reaction
     ):
-        """Adds the force of teeth of sprocket s on a flank's end at pin j to rows, and its reaction to the wheel."""
+        """`sum` with the force of teeth on a flank's end."""
         at, link, depth, normal, z = end.memory, end.link, end.depth, end.normal, end.place
+        j, s, before = pin.number, pin.sprocket, end.before
         body, law = shared.poses[s], shared.teeth[s].law
-        before = access.load(state.impact_speed, at)
-        push_at = chains.push_memory(shared, mine, j, at)
         kept, size = memory_after_teeth(before), Real(0.0)
         if depth > -law.ahead:
             arm = link.middle + z
@@ -106,13 +118,11 @@ def toe_functions(kind: BlockKind) -> ToeFunctions:
             more = relative_acceleration(straight, body.angular, arm, own)
             mobility = point_mobility(z, normal, link.length)
             inverse_mass = chains.chain_at(shared, j).inverse_mass
-            pushed = wp.where(before > Real(0.0), access.load(state.push, push_at), Real(0.0))
+            pushed = wp.where(before > Real(0.0), end.pushed, Real(0.0))
             speed = products(relative[0], normal[0], relative[1], normal[1])
             growth = products(more[0], normal[0], more[1], normal[1]) + inverse_mass * mobility * pushed
             known = law_at_roller(contacts.specialized_law(shared, law, j), Real(1.0) / mobility, mobility)
-            mean, elastic, found, first, damper = normal_force(
-                depth, speed, growth, before, access.load(state.damper_speed, at), known
-            )
+            mean, elastic, found, first, damper = normal_force(depth, speed, growth, before, end.damper_speed, known)
             if mean > Real(0.0):
                 size, kept = found, first
                 pushes = size * normal
@@ -126,13 +136,10 @@ def toe_functions(kind: BlockKind) -> ToeFunctions:
                     if now.stage == 0:
                         access.store(state.contact_hold, at, holds)
                 far = force_on_far_pin(force, z, link.u, link.length)
-                toe_rows.add_pair(shared.rows, row.near_x, row.near_y, j, force - far)
-                if end.after:
-                    toe_rows.add_pair(shared.rows, row.next_x, row.next_y, j, far)
-                else:
-                    toe_rows.add_pair(shared.rows, row.last_x, row.last_y, j, far)
-                wrench_parts.add_wrench(shared, mine, s, j, reaction_moment(arm, force), force, now.measures)
-                wrench_parts.add_wrench_on_carrier(shared, mine, now, s, j, force)
+                sum.near = sum.near + (force - far)
+                sum.far = sum.far + far
+                sum.whole = sum.whole + force
+                sum.moment = sum.moment + reaction_moment(arm, force)
                 if now.stage == 0:
                     access.store(state.damper_speed, at, damper)
                 if now.flags & EXTRA != 0:
@@ -146,16 +153,25 @@ def toe_functions(kind: BlockKind) -> ToeFunctions:
                     contact_sums.add_stored_energy(tallies, now, at, contact_energy(mean, elastic, known))
                     contact_sums.add_force_and_counts(tallies, now, at, before, size, True)
         if now.stage == 0:
-            access.store(state.push, push_at, size)
+            if size != end.pushed:
+                access.store(state.push, chains.push_memory(shared, mine, j, at), size)
             if kept != before:
                 access.store(state.impact_speed, at, kept)
+        return sum
 
     @wp.func
     def add_link_forces(
         state: State, tallies: Tallies, shared: Shared, mine: ThreadParts, now: Now, pin: Pin, after: bool
     ):
-        """Adds the forces of teeth on the toe at a pin of the link after it, or before it."""
+        """Adds the forces of teeth on the toe at a pin of the link after it, or before it, to rows and wheel."""
         j, s, e = pin.number, pin.sprocket, pin.outward
+        count = chains.chain_length(shared, mine, j)
+        held, pushed, damper_speeds = vec2(), vec2(), vec2()
+        for k in range(2):  # at once, so that one wait is for all
+            at = pin.memory + k * count
+            held[k] = access.load(state.impact_speed, at)
+            damper_speeds[k] = access.load(state.damper_speed, at)
+            pushed[k] = access.load(state.push, chains.push_memory(shared, mine, j, at))
         other = chains.previous_roller(shared, j, mine.rollers)
         if after:
             other = chains.next_roller(shared, j, mine.rollers)
@@ -165,7 +181,7 @@ def toe_functions(kind: BlockKind) -> ToeFunctions:
         x, y = end.link.u[0], end.link.u[1]
         u = vec2(products(x, e[0], y, e[1]), products(y, e[0], -x, e[1]))
         plate = shared.plates[chains.chain_number(shared, j)]
-        moves = bool(False)
+        moves, sum = bool(False), Reaction()
         for k in range(2):
             depth, n, z, done = seated_toe_contact(
                 pin.xi, pin.lateral, u, end.link.length, k, after, plate, shared.teeth[s]
@@ -173,13 +189,23 @@ def toe_functions(kind: BlockKind) -> ToeFunctions:
             if done == 0:
                 depth, n, z = toe_contact(pin.xi, pin.lateral, u, end.link.length, k, after, plate, shared.teeth[s])
             if depth > -shared.teeth[s].law.ahead and not moves:
-                end.link = toe_links.with_motion(state, shared, mine, j, other, end.link)
+                end.link = toe_links.with_motion(state, shared, mine, j, other, pin.acceleration, end.link)
                 moves = True
-            end.memory = pin.memory + k * chains.chain_length(shared, mine, j)
+            end.memory = pin.memory + k * count
+            end.before = held[k]
+            end.pushed = pushed[k]
+            end.damper_speed = damper_speeds[k]
             end.depth = depth
             end.normal = rotated_vector(e, n[0], n[1])
             end.place = rotated_vector(e, z[0], z[1])
-            add_end_force(state, tallies, shared, mine, now, j, s, end)
+            sum = with_end_force(state, tallies, shared, mine, now, pin, end, sum)
+        toe_rows.add_pair(shared.rows, row.near_x, row.near_y, j, sum.near)
+        if after:
+            toe_rows.add_pair(shared.rows, row.next_x, row.next_y, j, sum.far)
+        else:
+            toe_rows.add_pair(shared.rows, row.last_x, row.last_y, j, sum.far)
+        wrench_parts.add_wrench(shared, mine, s, j, sum.moment, sum.whole, now.measures)
+        wrench_parts.add_wrench_on_carrier(shared, mine, now, s, j, sum.whole)
 
     @wp.func
     def add_toe_forces(
@@ -205,6 +231,7 @@ def toe_functions(kind: BlockKind) -> ToeFunctions:
         pin.outward = e
         pin.xi = xi
         pin.lateral = lateral
+        pin.acceleration = toe_links.pin_acceleration(state, shared, mine, j)
         add_link_forces(state, tallies, shared, mine, now, pin, True)
         pin.memory = pin.memory + 2 * chains.chain_length(shared, mine, j)
         add_link_forces(state, tallies, shared, mine, now, pin, False)

@@ -167,7 +167,9 @@ def kernel_kind(name: str, bucket: Bucket) -> BlockKind:
         links = "varied" if kind.links == "varied" else "lengths"
         shape = block_shape(kind.shape.room, FEW_VARIANTS + 1, kind.shape.shared_bytes)
         moving = bool(parts.hubs)
-        return BlockKind(kind.Real, shape, parts, moving=moving, profiles=kind.profiles, links=links)
+        return BlockKind(
+            kind.Real, shape, parts, moving=moving, profiles=kind.profiles, links=links, silent=kind.silent
+        )
     return kind_with_shared_blocks(replace(kind, measuring=name == "measure"), bucket.most_shared, bucket.each)
 
 
