@@ -113,13 +113,12 @@ class Rows:
     exception: int  # 1: it is worked out apart, as few are
     held: int  # speed at which its damper acted then [m/s]
     point_mobility: int  # inverse mass along its normal over a roller's [-]
-    near_x: int  # force of a wheel's teeth at the pin on it [N]
+    near_x: int  # force of a wheel's teeth at the pin on it, and in the end all of theirs on it [N]
     near_y: int
     next_x: int  # of pin i at i + 1: and on the next pin, by the link between
     next_y: int
     last_x: int  # of pin i at i + 1: and on the pin before
     last_y: int
-    change: int  # power that contacts take less per half a step (`toe_forces.join_forces`)
 
 
 ROWS = tuple(field.name for field in fields(Rows))

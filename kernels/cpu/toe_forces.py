@@ -180,19 +180,21 @@ def toe_force_functions(Real: type, capacity: int) -> ToeForceFunctions:
         access.store(w, row.next_y, access.load(w, row.next_y + n))
         access.store(w, row.last_x + n + 1, access.load(w, row.last_x + 1))
         access.store(w, row.last_y + n + 1, access.load(w, row.last_y + 1))
-        less = Real(0.0)
         i = int(0)
         while i < n:
             x = access.load(w, row.near_x + i) + access.load(w, row.next_x + i) + access.load(w, row.last_x + i + 2)
             y = access.load(w, row.near_y + i) + access.load(w, row.next_y + i) + access.load(w, row.last_y + i + 2)
+            access.store(w, row.near_x + i, x)
+            access.store(w, row.near_y + i, y)
             access.store(w, row.fx + i, access.load(w, row.fx + i) + x)
             access.store(w, row.fy + i, access.load(w, row.fy + i) + y)
-            change_x, change_y = x - access.load(w, row.toe_x + i), y - access.load(w, row.toe_y + i)
-            access.store(w, row.change + i, access.load(w, row.mobility + i) * (x * change_x + y * change_y))
             i = i + 1
-        i = int(0)
+        less = Real(0.0)
+        i = wp.where(memory.wanted.measures != 0, 0, n)
         while i < n:
-            less += access.load(w, row.change + i)
+            x, y = access.load(w, row.near_x + i), access.load(w, row.near_y + i)
+            change_x, change_y = x - access.load(w, row.toe_x + i), y - access.load(w, row.toe_y + i)
+            less += access.load(w, row.mobility + i) * (x * change_x + y * change_y)
             i = i + 1
         return wp.float64(memory.lag * memory.inverse_mass * less)
 
