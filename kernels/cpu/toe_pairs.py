@@ -99,6 +99,18 @@ def toe_pair_functions(Real: type, capacity: int) -> ToePairFunctions:
     first_end, second_end, third_end, fourth_end = (end_function(end) for end in range(int(ENDS)))
 
     @wp.func
+    def plate_by_value(plate: Plate):
+        """A plate whose values loops keep, as no row can lie in its place."""
+        own = Plate()
+        own.begin = plate.begin
+        own.tip = plate.tip
+        own.radius = plate.radius
+        own.cos_flank = plate.cos_flank
+        own.sin_flank = plate.sin_flank
+        own.side = plate.side
+        return own
+
+    @wp.func
     def next_end(memory: Memory, n: int):
         """Memory of the next flank end's contacts of `n` pins."""
         memory.first = memory.first + n
@@ -132,16 +144,17 @@ def toe_pair_functions(Real: type, capacity: int) -> ToePairFunctions:
             some.group = group
             friction = partners.friction_of_partner(ensemble, drive, p)
             pose = state.poses[drive.first_body + p]
+            own = plate_by_value(plate)
             memory.straight = kinds.vec2(Real(pose.straight[0]), Real(pose.straight[1]))
             memory.angular = Real(pose.angular)
             memory.damper_row = contact_rows.damper_row(p * ENDS)
             memory.push_row = contact_rows.push_row(drive, p)
-            first_end(w, some, plate, partner, friction, memory, state.totals)
+            first_end(w, some, own, partner, friction, memory, state.totals)
             memory = next_end(memory, n)
-            second_end(w, some, plate, partner, friction, memory, state.totals)
+            second_end(w, some, own, partner, friction, memory, state.totals)
             memory = next_end(memory, n)
-            third_end(w, some, plate, partner, friction, memory, state.totals)
+            third_end(w, some, own, partner, friction, memory, state.totals)
             memory = next_end(memory, n)
-            fourth_end(w, some, plate, partner, friction, memory, state.totals)
+            fourth_end(w, some, own, partner, friction, memory, state.totals)
 
     return ToePairFunctions(add_run_of_toes=add_run_of_toes)

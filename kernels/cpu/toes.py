@@ -9,7 +9,7 @@ from functools import cache
 import warp as wp
 
 from ..native import products, row_access
-from ..physics.contact import AWAY, memory_after_teeth, relative_acceleration, surface_velocity
+from ..physics.contact import AWAY, memory_after_teeth, relative_acceleration
 from ..physics.toe import ENDS, point_mobility, seated_toe_contact, toe_contact
 from ..structs import Drive, Pose, types
 from .contact_rows import contact_row_functions
@@ -173,6 +173,7 @@ def toe_functions(Real: type, capacity: int) -> ToeFunctions:
         @wp.func
         def find_motions(w: wp.array[Real], group: Group, body: Pose, memory: Memory):
             """Stores relative velocities and accelerations of one flank end at the group's pins."""
+            center_vx, center_vy, omega = Real(body.velocity[0]), Real(body.velocity[1]), Real(body.speed)
             i = group.low
             while i < group.high:
                 at = i + wp.static(apart)
@@ -182,15 +183,14 @@ def toe_functions(Real: type, capacity: int) -> ToeFunctions:
                 arm_x = Real(p[0]) + half * access.load(w, row.link_ux + at) + x
                 arm_y = Real(p[1]) + half * access.load(w, row.link_uy + at) + y
                 turn, angular = access.load(w, row.link_turn + at), access.load(w, row.link_angular + at)
-                surface = surface_velocity(body, wp.vec2d(wp.float64(arm_x), wp.float64(arm_y)))
                 speed_x = access.load(w, row.middle_vx + at) - turn * y
                 speed_y = access.load(w, row.middle_vy + at) + turn * x
                 ax, ay = access.load(w, row.middle_ax + at), access.load(w, row.middle_ay + at)
                 own = vec2(ax - angular * y, ay + angular * x)
                 more = relative_acceleration(memory.straight, memory.angular, vec2(arm_x, arm_y), own)
                 contact_rows.store_arm(w, i, arm_x, arm_y)
-                access.store(w, row.relative_x + i, Real(surface[0]) - speed_x)
-                access.store(w, row.relative_y + i, Real(surface[1]) - speed_y)
+                access.store(w, row.relative_x + i, (center_vx - omega * arm_y) - speed_x)
+                access.store(w, row.relative_y + i, (center_vy + omega * arm_x) - speed_y)
                 access.store(w, row.more_x + i, more[0])
                 access.store(w, row.more_y + i, more[1])
                 i = i + 1
