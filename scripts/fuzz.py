@@ -74,7 +74,7 @@ KEYS = [*Factor.model_fields, *Design.model_fields]
 RULES = "2 * torque + max(double, 3) ** 2", "both < 1e9 and torque > 0"
 NAMES = (
     "marine", "engine", "motorcycle", "conveyor", "swing_idler", "v6", "motorcycle_drivetrain", "balance_shafts",
-    "hoist", "fork_lift", "bucket_elevator", "chain_conveyor",
+    "hoist", "fork_lift", "bucket_elevator", "chain_conveyor", "silent_timing",
 )  # fmt: skip
 """Example drives whose files are changed; `--drives` names others, or files of one's own.
 

@@ -106,6 +106,7 @@ WINDOWS = {
     "industrial": (0.4, 0.8), "conveyor": (0.3, 0.6), "engine": (0.1, 0.3), "car": (0.1, 0.2), "motorcycle": (0.1, 0.2),
     "marine": (0.5, 1.0), "marine_lever": (0.3, 0.6), "swing_idler": (0.3, 0.6), "derailleur": (0.3, 0.6),
     "motorcycle_drivetrain": (0.1, 0.2), "v6": (0.05, 0.12), "balance_shafts": (0.05, 0.12),
+    "silent_timing": (0.1, 0.2),
 }  # fmt: skip
 """Windows of examples [s] in which single contacts are held against shorter steps."""
 OF_CONTACTS = {"force_max": "largest force", "dissipated": "dissipated", "impacts": "impacts"}

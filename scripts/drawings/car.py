@@ -49,9 +49,11 @@ def crankshaft_ripple(rpm: float) -> float:
     return min(max(0.02 * (1000.0 / rpm) ** 2, 0.005), 0.03)
 
 
-def drive_at_speed(rpm: float) -> Drive:
-    """The drive at a speed of the crankshaft, with that speed's ripple; half the run is cycles, two at least: a line
-    through the four waves of one is inclined by more than `Limits.start` allows.
+def drive_at_speed(rpm: float, name: str = "car") -> Drive:
+    """The drive, or another with its shafts, at a speed of the crankshaft, with that speed's ripple.
+
+    Half the run is cycles, two at least: a line through the four waves of one is inclined by more than `Limits.start`
+    allows.
     """
     cycle = 120.0 / rpm
     duration = 2.0 * cycle * max(2, math.ceil(0.1 / cycle))
@@ -65,7 +67,7 @@ def drive_at_speed(rpm: float) -> Drive:
     }
     for cam in CAMS:
         values[f"sprockets.{cam}.load.ramp_time"] = ramp
-    return example_drive("car", values)
+    return example_drive(name, values)
 
 
 def changed_drive(drive: Drive, key: str, value: float) -> Drive:

@@ -156,6 +156,35 @@ def load_of_an_arc() -> ValidationRow:
     )
 
 
+def silent_arc() -> ValidationRow:
+    """Least and largest fall of tension along a silent chain's arc on a held wheel, and forces of a pulled one."""
+    module = test_helpers("assembly/test_silent_chains")
+    tension, _ = module.forces_on_links(module.arc_drive(30, (0.2, 0.5)))
+    found, exact = float(tension[12] / tension[11]), module.falls(0.2, 30)
+    pulled = module.arc_drive(30, (0.2, 0.5), torque=0.0).with_values(module.PULLED)
+    tension, force = module.forces_on_links(pulled)
+    both, own = float(force[7].sum() / 2.0), float(tension[7]) * math.tan(math.pi / 30) / math.sin(module.FLANK)
+    return ValidationRow(
+        name="arc of a silent chain",
+        states=f"a tooth's fall where flanks begin {exact:.4f}; pulled without moment, each flank has "
+        f"T tan(pi/z)/sin(30) = {own:.2f} N",
+        gives=f"{found:.4f}; {both:.2f} N",
+        differs=f"{relative_difference(found, exact)}; {relative_difference(both, own)}",
+    )
+
+
+def silent_polygon_action() -> ValidationRow:
+    """Angle of two equal wheels of a stiff silent chain against each other, as of a four-bar linkage."""
+    module = test_helpers("assembly/test_silent_chains")
+    found, exact = module.angle_range(7.5), module.exact_range(7.5)
+    return ValidationRow(
+        name="polygon action of a silent chain",
+        states=f"wheels {1e3 * exact:.4f} mrad apart within a tooth, rigid links",
+        gives=f"{1e3 * found:.4f} mrad",
+        differs=relative_difference(found, exact),
+    )
+
+
 def orders() -> ValidationRow:
     """Order of convergence of a chain in smooth motion, beside DOP853."""
     physics, raw = test_helpers("kernels/test_chain_physics"), test_helpers("raw")
@@ -252,6 +281,8 @@ EXACT: tuple[Callable[[], ValidationRow], ...] = (
     sag,
     centrifugal_tension,
     load_of_an_arc,
+    silent_arc,
+    silent_polygon_action,
     orders,
     center_distance,
 )

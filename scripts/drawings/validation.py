@@ -15,6 +15,7 @@ from drawings.efficiency import joint_losses
 from drawings.guides import AMPLITUDE, CYCLES, drive_text_of_document
 from drawings.marine import marine
 from drawings.other_codes import other_codes
+from drawings.silent import silent_beside_roller
 from drawings.vibration import vibration
 from warpchain import loads_drive
 from warpchain.drive.examples import drive_path
@@ -50,6 +51,7 @@ PARTS: dict[str, Callable[[], Iterable[Line]]] = {
     "marine": marine,
     "tensioner": lambda: [tensioner_work()],
     "engines": lambda: [engines()],
+    "silent": silent_beside_roller,
     "codes": other_codes,
 }
 USUAL = [part for part in PARTS if part != "codes"]

@@ -8,7 +8,7 @@ from command import refused, run
 from drives import example
 
 from warpchain import Record, simulate
-from warpchain.cli.warm_command import MOST_LINKS, ONE_CHAIN_AND_SEVERAL
+from warpchain.cli.warm_command import MOST_LINKS, WARMED_EXAMPLES
 from warpchain.drive.examples import example_names
 from warpchain.engine import compilation
 from warpchain.engine.cpu import CAPACITIES, SPARE_VALUES
@@ -20,7 +20,7 @@ class Found(Exception):
 
 
 @pytest.mark.filterwarnings("ignore::UserWarning")
-def test_two_examples_have_the_kernels_of_all_but_long_chains(monkeypatch):
+def test_three_examples_have_the_kernels_of_all_but_long_chains(monkeypatch):
     """On the CPU, whether a run records or not; chains that a longer scratch row holds have kernels of their own."""
 
     @contextlib.contextmanager
@@ -36,7 +36,7 @@ def test_two_examples_have_the_kernels_of_all_but_long_chains(monkeypatch):
         return set(found.value.args)
 
     assert CAPACITIES[0] - SPARE_VALUES - 1 == MOST_LINKS
-    warmed = set.union(*(kernels(name, "none") for name in ONE_CHAIN_AND_SEVERAL))
+    warmed = set.union(*(kernels(name, "none") for name in WARMED_EXAMPLES))
     for name in example_names():
         is_long = max(chain.links for chain in example(name).each_chain) > MOST_LINKS
         assert (kernels(name, "all") <= warmed) != is_long, name

@@ -20,7 +20,8 @@ from warpchain.results.chains import chain_trajectories
 from warpchain.results.losses import losses
 
 NAMES = example_names()
-STEADY = tuple(name for name in NAMES if name not in ("bucket_elevator", "fork_lift", "hoist", "motorcycle_drivetrain"))
+STARTS = "bucket_elevator", "fork_lift", "hoist", "motorcycle_drivetrain", "transfer_case"
+STEADY = tuple(name for name in NAMES if name not in STARTS)
 """What runs steadily by the end."""
 
 
@@ -45,7 +46,9 @@ def test_names():
         "marine_no_guides",
         "motorcycle",
         "motorcycle_drivetrain",
+        "silent_timing",
         "swing_idler",
+        "transfer_case",
         "v6",
     )
     assert all(is_example(drive_path(name)) for name in NAMES)
@@ -210,6 +213,33 @@ def test_cars_arm_stands_between_chain_and_tensioner(runs):
     assert row["arm.moment_mean"] == pytest.approx(row["tensioner.force_mean"] * lever, rel=0.02)
     assert 50.0 < row["tensioner.force_mean"] < 200.0
     assert 100.0 < row["crank->intake cam.tension_mean"] < row["exhaust cam->crank.tension_mean"] < 500.0
+
+
+def test_a_transfer_case_goes_from_rest_to_full_torque_and_back():
+    """Ok as a start. At full torque (T_t - T_s) R is the load, within 1 %: links lean and their friction adds to it.
+
+    At rest again both wheels have turned alike: strands that are 20 N m apart lag by less than 0.1 degrees.
+    """
+    drive = load("transfer_case")
+    run = simulate(drive, record=Record(rate=1000.0, channels=("sprocket_angle",)), window=(0.35, 0.5))
+    (row,) = run.metrics.to_pylist()
+    assert (row["status"], row["reason"]) == ("ok", "")
+    assert abs(row["energy_residual_relative"]) < 1e-6
+    pull = row["front shaft->main shaft.tension_mean"] - row["main shaft->front shaft.tension_mean"]
+    assert pull * single_chain(drive).pitch_radius(1) == pytest.approx(280.0 + 0.02 * 200.0, rel=0.01)
+    assert row["efficiency"] == pytest.approx(0.9925, abs=1e-3)
+    turned = run[0].sprocket_angle[-1] - run[0].sprocket_angle[0]
+    assert np.ptp(turned) < np.radians(0.1)
+
+
+def test_guides_rub_on_the_backs_of_a_silent_chain(runs):
+    """Both bear all the time, as those of `car`, and take as much of the friction."""
+    rows = runs.metrics.to_pylist()
+    silent, roller = (rows[STEADY.index(name)] for name in ("silent_timing", "car"))
+    assert abs(silent["energy_residual_relative"]) < 1e-4
+    for guide in ("blade", "fixed guide"):
+        assert silent[f"{guide}.missed"] == 0
+        assert silent[f"{guide}.friction"] == pytest.approx(roller[f"{guide}.friction"], rel=0.1)
 
 
 @pytest.mark.parametrize(("name", "sag"), [("industrial", 0.02), ("motorcycle", 0.02)])

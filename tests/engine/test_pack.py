@@ -127,5 +127,6 @@ def test_every_number_of_an_example_may_vary_in_a_batch(name):
         rows = ChainRows(drives, stacks)
         packed = pack(rows.models, schedules_of(drives, None, None, Record("none"), None, stacks), rows.stacks)
         layout_faults_of_drives(rows.models, packed.assemblies, rows.stacks)
-        stiffness = [model.sprocket_stiffness(s) for model in rows.models for s in range(len(model.sprockets))]
+        part = 0.5 if base.chain.kind == "silent" else 1.0  # of one of a flank's ends
+        stiffness = [part * model.sprocket_stiffness(s) for model in rows.models for s in range(len(model.sprockets))]
         assert packed.sprockets["law"]["stiffness"].tolist() == stiffness, path

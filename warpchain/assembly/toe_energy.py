@@ -55,11 +55,11 @@ class Wheel:
 
     def hessian(self, x: Array, number: int) -> Array:
         """Hessians (M, 7, 7) of the energies of `energy`, by differences of its gradients."""
-        found, apart = np.zeros((len(x), 7, 7)), _APART * self.model.chain.pitch
-        for k in range(7):
-            step = np.zeros(7)
-            step[k] = apart / self.model.pitch_radius(self.s) if k == 6 else apart
-            found[:, k] = (self.energy(x + step, number)[1] - self.energy(x - step, number)[1]) / (2.0 * step[k])
+        apart = np.full(7, _APART * self.model.chain.pitch)
+        apart[6] /= self.model.pitch_radius(self.s)
+        steps = np.diag(apart)[:, None]
+        slope = self.energy(np.concatenate([x + steps, x - steps]).reshape(-1, 7), number)[1].reshape(2, 7, len(x), 7)
+        found = np.moveaxis((slope[0] - slope[1]) / (2.0 * apart[:, None, None]), 0, 1)
         return 0.5 * (found + np.swapaxes(found, 1, 2))
 
     def _contacts(self, x: Array, number: int) -> tuple[Array, Array, Array, Array, Array, Array]:

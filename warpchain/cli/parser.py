@@ -403,7 +403,7 @@ def _add_warm_command(commands: Any) -> None:
     """Adds `warpchain warm` to the command line."""
     text = "compile the kernels that runs need, so that the first one does not wait for them"
     parser = _add_function_command(commands, do.warm_command, text, "warpchain warm")
-    drives = "drive files or examples; default two whose kernels serve all drives of up to 231 links a chain on a CPU"
+    drives = "drive files or examples; default three whose kernels serve all drives of up to 231 links a chain on a CPU"
     parser.add_argument("drives", metavar="DRIVE", nargs="*", help=drives)
     parser.add_argument("--device", default="cpu", help='"cpu", "cuda", "cuda:1"; default cpu')
     parser.add_argument("--precision", default="float64", choices=["float64", "float32"], help="default float64")

@@ -13,8 +13,8 @@ from warpchain.progress import COMPILING, duration_text, progress_reporter
 if TYPE_CHECKING:
     from warpchain.drive import Drive
 
-ONE_CHAIN_AND_SEVERAL = ("marine", "balance_shafts")
-"""Examples whose kernels are those of all drives on a CPU, of one chain and of several, up to `MOST_LINKS`."""
+WARMED_EXAMPLES = ("marine", "balance_shafts", "transfer_case")
+"""Examples whose kernels are those of all drives on a CPU up to `MOST_LINKS`: of one chain, of several, and silent."""
 MOST_LINKS = 231
 """Links of the longest chain with these kernels."""
 SHORT_RUN = 1e-4
@@ -30,7 +30,7 @@ def warm_lines(arguments: Namespace) -> Iterator[str]:
     from warpchain.drive import load_drive
     from warpchain.drive.examples import drive_path
 
-    names = arguments.drives or ONE_CHAIN_AND_SEVERAL
+    names = arguments.drives or WARMED_EXAMPLES
     drives = [load_drive(drive_path(name)) for name in names]
     yield "kernels that are not there yet take some 10 s for a drive on two free cores, once on a machine"
     for name, drive in zip(names, drives, strict=True):
