@@ -3,6 +3,7 @@
 import argparse
 from collections.abc import Iterator
 from functools import partial
+from typing import Any
 
 from common.cases import Line, case, case_option
 from common.timing import run_in_turns, second_best_rate
@@ -11,24 +12,25 @@ from benches.chains import roller_step_rate
 from warpchain import Drive
 
 PITCH = 9.525e-3
-ROLLER = {"roller_radius": 3.175e-3}
-SILENT = {"kind": "silent"}
+LAW = {"restitution": 0.3, "impact_speed_floor": 0.02, "clearance": 4e-5, "stiffness": 5e7}
+ROLLER: dict[str, Any] = {"roller_radius": 3.175e-3}
+SILENT: dict[str, Any] = {"kind": "silent"}
 
 
-def two_wheels(kind: dict[str, object]) -> Drive:
+def two_wheels(kind: dict[str, Any]) -> Drive:
     """Two wheels of 23 teeth and a chain of 70 links of a kind, pulled by a slider."""
     chain = {"pitch": PITCH, "links": 70, "mass_per_length": 1.0, "stiffness": 2e7, "damping_ratio": 0.02}
     slider = {"kind": "slider", "direction": [1.0, 0.0], "stiffness": 0.0, "damping": 50.0, "preload": 1000.0}
-    wheel = {"teeth": 23, "wrap": "ccw"}
+    load = {"torque": 5.0, "ramp_time": 0.02}
     driver = {"name": "drive", "center": [0.0, 0.0], "prescribed": {"speed": 200.0, "ramp_time": 0.02}}
-    driven = {"name": "driven", "center": [0.222, 0.0], "inertia": 2e-4, "mass": 1.0, "mount": slider}
-    law = {"restitution": 0.3, "impact_speed_floor": 0.02, "clearance": 4e-5, "stiffness": 5e7}
-    return Drive(
-        chain=chain | kind,
-        sprockets=[wheel | driver, wheel | driven | {"load": {"torque": 5.0, "ramp_time": 0.02}}],
-        contact={"sprocket": law},
-        run={"duration": 1.0, "step": 6e-6, "sample_rate": 2000.0},
-    )
+    driven = {"name": "driven", "center": [0.222, 0.0], "inertia": 2e-4, "mass": 1.0, "mount": slider, "load": load}
+    values: dict[str, Any] = {
+        "chain": chain | kind,
+        "sprockets": [{"teeth": 23, "wrap": "ccw"} | wheel for wheel in (driver, driven)],
+        "contact": {"sprocket": LAW},
+        "run": {"duration": 1.0, "step": 6e-6, "sample_rate": 2000.0},
+    }
+    return Drive(**values)
 
 
 @case(
