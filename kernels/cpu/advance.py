@@ -162,7 +162,7 @@ def advance_kernel(Real: type, capacity: int, frame: Any, several: bool, silent:
                         drive, chain, w = drive_at(ensemble, variant + c), chain_at(ensemble, variant + c), scratch[c]
                         memory = near_rollers.memory_at_chain(memory, drive, chain)
                     forces.add_link_forces(ensemble, state, drive, chain, w, memory)
-                    forces.add_contact_forces(ensemble, state, drive, chain, ensemble.plates[variant + c], w, memory)
+                    forces.add_contact_forces(ensemble, state, drive, variant + c, w, memory)
                     bodies.find_accelerations(ensemble, state, drive, stage, at.time)
                 if wp.static(several):
                     shared_shafts.join_shafts_of_variant(ensemble, state, variant, chains, at.time)

@@ -38,7 +38,6 @@ def contact_pair_functions(Real: type, capacity: int, silent: bool) -> ContactPa
     """
     kinds = types(Real)
     Ensemble, State, Memory = kinds.Ensemble, kinds.State, kinds.Memory
-    Chain, Plate = kinds.Chain, kinds.Plate
     partners = partner_functions(Real)
     near_rollers = near_roller_functions(Real, capacity)
     seats = seat_functions(Real, capacity)
@@ -166,12 +165,15 @@ def contact_pair_functions(Real: type, capacity: int, silent: bool) -> ContactPa
 
     @wp.func
     def add_contact_forces(
-        ensemble: Ensemble, state: State, drive: Drive, chain: Chain, plate: Plate, w: wp.array[Real], memory: Memory
+        ensemble: Ensemble, state: State, drive: Drive, place: int, w: wp.array[Real], memory: Memory
     ):
-        """Adds contact forces of all rollers and partners to rollers, `Totals` and wrenches on bodies."""
+        """Adds contact forces of all rollers and partners to rollers, `Totals` and wrenches on bodies.
+
+        `place` is the chain's row of the ensemble.
+        """
         if wp.static(silent):
             if drive.points > 1:
-                toes.find_link_motions(w, drive.rollers, chain)
+                toes.find_link_motions(w, drive.rollers, ensemble.chains[place])
         # one loop over all runs: with one over each partner's, rare values of a partner are laid out before its runs
         p = int(0)
         run = int(0)
@@ -191,7 +193,7 @@ def contact_pair_functions(Real: type, capacity: int, silent: bool) -> ContactPa
             if run < runs:
                 if wp.static(silent):
                     if drive.points > 1 and p < drive.sprockets:
-                        toe_pairs.add_run_of_toes(ensemble, state, drive, plate, w, p, run, memory)
+                        toe_pairs.add_run_of_toes(ensemble, state, drive, place, w, p, run, memory)
                     else:
                         add_run_forces(ensemble, state, drive, w, p, run, memory)
                 else:

@@ -73,15 +73,14 @@ def force_functions(Real: type, capacity: int, silent: bool) -> ForceFunctions:
         ensemble: kinds.Ensemble,
         state: kinds.State,
         drive: Drive,
-        chain: kinds.Chain,
-        plate: kinds.Plate,
+        place: int,
         w: wp.array[Real],
         memory: kinds.Memory,
     ):
         """Adds contact forces to rollers, and sets wrenches on bodies, with those of hubs."""
         for b in range(drive.first_body, drive.first_body + drive.bodies):
             state.wrenches[b] = Wrench()
-        contact_pairs.add_contact_forces(ensemble, state, drive, chain, plate, w, memory)
+        contact_pairs.add_contact_forces(ensemble, state, drive, place, w, memory)
         if drive.hubs != 0:
             hubs.add_hub_reactions(ensemble, state, drive, memory.stage, wp.float64(memory.stretch_part))
 

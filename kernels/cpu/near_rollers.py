@@ -148,7 +148,7 @@ def near_roller_functions(Real: type, capacity: int) -> NearRollerFunctions:
         group = neighbor_list.whole_group(first, first)
         return group
 
-    @wp.func
+    @wp.func(inline=True)
     def find_gap_contacts(
         w: wp.array[Real], ensemble: Ensemble, first: int, end: int, n: int, partner: partners.Partner, memory: Memory
     ):

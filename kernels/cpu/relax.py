@@ -114,7 +114,7 @@ def relax_kernel(Real: type, capacity: int, silent: bool = False) -> wp.Kernel:
         end = wp.min(s.steps + steps, s.limit)
         while s.steps < end and s.settled == 0:
             forces.add_link_forces(ensemble, state, drive, chain, w, memory)
-            forces.add_contact_forces(ensemble, state, drive, chain, ensemble.plates[variant], w, memory)
+            forces.add_contact_forces(ensemble, state, drive, variant, w, memory)
             restart = int(0)
             if s.steps % ENERGY_EVERY == 0:
                 beside = wp.float64(0.0)

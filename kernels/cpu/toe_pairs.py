@@ -124,7 +124,7 @@ def toe_pair_functions(Real: type, capacity: int) -> ToePairFunctions:
         ensemble: Ensemble,
         state: State,
         drive: Drive,
-        plate: Plate,
+        place: int,
         w: wp.array[Real],
         p: int,
         run: int,
@@ -144,7 +144,7 @@ def toe_pair_functions(Real: type, capacity: int) -> ToePairFunctions:
             some.group = group
             friction = partners.friction_of_partner(ensemble, drive, p)
             pose = state.poses[drive.first_body + p]
-            own = plate_by_value(plate)
+            own = plate_by_value(ensemble.plates[place])
             memory.straight = kinds.vec2(Real(pose.straight[0]), Real(pose.straight[1]))
             memory.angular = Real(pose.angular)
             memory.damper_row = contact_rows.damper_row(p * ENDS)

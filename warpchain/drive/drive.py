@@ -41,6 +41,7 @@ from warpchain.drive.drive_rules import (
 )
 from warpchain.drive.guides import Guide
 from warpchain.drive.paths import changed_part, settable_paths, value_at_path
+from warpchain.drive.plate import PLATE_KEYS
 from warpchain.drive.run_settings import Probe, RunSettings
 from warpchain.drive.schema import Allowed, Part, Problem, Rule, node_list, node_value
 from warpchain.drive.shafts import Coupling, Gear, Shaft
@@ -96,7 +97,7 @@ NUMBER_RULES = {
     pivot_rules: {"sprockets.center", "sprockets.mount", "arms.pivot"},
     profile_rules: {*PITCHES, *(f"guides.{key}" for key in ("offset", "radius", "arcs", "profile", "end_radius"))},
     tooth_rules: {*PITCHES, "sprockets", "chain.roller_radius", "chains.roller_radius"},
-    wheel_rules: {"chain", "chains", "sprockets"},
+    wheel_rules: {*PITCHES, "sprockets.teeth", *(f"{of}.{key}" for of in ("chain", "chains") for key in PLATE_KEYS)},
     face_rules: {*PITCHES, *(f"guides.{key}" for key in FACES)},
     tensioner_rules: {*PITCHES, "sprockets", "guides", "arms", "tensioners"},
     train_rules: {"chains", "sprockets", "shafts", "gears", "couplings"},
