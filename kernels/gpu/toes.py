@@ -89,7 +89,6 @@ def toe_functions(kind: BlockKind) -> ToeFunctions:
         """A flank's end in a tooth gap."""
 
         link: toe_links.Link
-        after: wp.bool  # the link is the one after the pin
         memory: wp.int32  # place of the contact's memory
         before: Real  # v0 [m/s]
         pushed: Real  # force in the step before [N]
@@ -166,39 +165,33 @@ def toe_functions(kind: BlockKind) -> ToeFunctions:
         """Adds the forces of teeth on the toe at a pin of the link after it, or before it, to rows and wheel."""
         j, s, e = pin.number, pin.sprocket, pin.outward
         count = chains.chain_length(shared, mine, j)
-        held, pushed, damper_speeds = vec2(), vec2(), vec2()
-        for k in range(2):  # at once, so that one wait is for all
-            at = pin.memory + k * count
-            held[k] = access.load(state.impact_speed, at)
-            damper_speeds[k] = access.load(state.damper_speed, at)
-            pushed[k] = access.load(state.push, chains.push_memory(shared, mine, j, at))
-        other = chains.previous_roller(shared, j, mine.rollers)
-        if after:
-            other = chains.next_roller(shared, j, mine.rollers)
         end = End()
+        other = wp.where(
+            after, chains.next_roller(shared, j, mine.rollers), chains.previous_roller(shared, j, mine.rollers)
+        )
         end.link = toe_links.link_of_pin(shared, j, other, pin.arm)
-        end.after = after
         x, y = end.link.u[0], end.link.u[1]
         u = vec2(products(x, e[0], y, e[1]), products(y, e[0], -x, e[1]))
-        plate = shared.plates[chains.chain_number(shared, j)]
+        plate, teeth = shared.plates[chains.chain_number(shared, j)], shared.teeth[s]
         moves, sum = bool(False), Reaction()
-        for k in range(2):
-            depth, n, z, done = seated_toe_contact(
-                pin.xi, pin.lateral, u, end.link.length, k, after, plate, shared.teeth[s]
-            )
+        k = int(0)  # a loop that Warp does not unroll: four times the code would not fit the instruction caches
+        while k < 2:
+            at = pin.memory + k * count
+            end.memory = at
+            end.before = access.load(state.impact_speed, at)
+            end.pushed = access.load(state.push, chains.push_memory(shared, mine, j, at))
+            end.damper_speed = access.load(state.damper_speed, at)
+            depth, n, z, done = seated_toe_contact(pin.xi, pin.lateral, u, end.link.length, k, after, plate, teeth)
             if done == 0:
-                depth, n, z = toe_contact(pin.xi, pin.lateral, u, end.link.length, k, after, plate, shared.teeth[s])
-            if depth > -shared.teeth[s].law.ahead and not moves:
+                depth, n, z = toe_contact(pin.xi, pin.lateral, u, end.link.length, k, after, plate, teeth)
+            if depth > -teeth.law.ahead and not moves:
                 end.link = toe_links.with_motion(state, shared, mine, j, other, pin.acceleration, end.link)
                 moves = True
-            end.memory = pin.memory + k * count
-            end.before = held[k]
-            end.pushed = pushed[k]
-            end.damper_speed = damper_speeds[k]
             end.depth = depth
             end.normal = rotated_vector(e, n[0], n[1])
             end.place = rotated_vector(e, z[0], z[1])
             sum = with_end_force(state, tallies, shared, mine, now, pin, end, sum)
+            k = k + 1
         toe_rows.add_pair(shared.rows, row.near_x, row.near_y, j, sum.near)
         if after:
             toe_rows.add_pair(shared.rows, row.next_x, row.next_y, j, sum.far)
@@ -232,9 +225,11 @@ def toe_functions(kind: BlockKind) -> ToeFunctions:
         pin.xi = xi
         pin.lateral = lateral
         pin.acceleration = toe_links.pin_acceleration(state, shared, mine, j)
-        add_link_forces(state, tallies, shared, mine, now, pin, True)
-        pin.memory = pin.memory + 2 * chains.chain_length(shared, mine, j)
-        add_link_forces(state, tallies, shared, mine, now, pin, False)
+        side = int(0)
+        while side < 2:
+            add_link_forces(state, tallies, shared, mine, now, pin, side == 0)
+            pin.memory = pin.memory + 2 * chains.chain_length(shared, mine, j)
+            side = side + 1
 
     return ToeFunctions(
         add_toe_forces=add_toe_forces,
