@@ -107,3 +107,41 @@ def test_the_pages_drive_is_that_of_its_picture():
     (text,) = re.findall(r"^```toml\n(.*?)^```", page, re.MULTILINE | re.DOTALL)
     assert text == (ROOT / "scripts" / "drawings" / "silent.toml").read_text()
     assert derive(loads_drive(text))["layout"] == []
+
+
+GUIDED = """
+[[guides]]
+name = "rail"
+start = {start}
+end = {end}
+side = "{side}"
+end_radius = 0.01
+[contact.guide]
+restitution = 0.3
+impact_speed_floor = 0.02
+stiffness = 1e7
+"""
+LOW, HIGH = ([0.02, -0.0385], [0.2, -0.0385]), ([0.02, 0.0385], [0.2, 0.0385])
+
+
+@pytest.mark.parametrize("wrap", ["ccw", "cw"])
+@pytest.mark.parametrize("backward", [False, True])
+@pytest.mark.parametrize("side", ["left", "right"])
+@pytest.mark.parametrize("ends", [LOW, HIGH])
+def test_guides_on_the_toes_are_refused_and_those_on_the_back_are_not(ends, side, backward, wrap):
+    start, end = ends[::-1] if backward else ends
+    text = dumps_drive(silent_drive(wrap=wrap)) + GUIDED.format(start=start, end=end, side=side)
+    if (ends is LOW) == (backward == (side == "right")):  # the face looks up, from below
+        assert loads_drive(text).guides[0].name == "rail"
+        return
+    strand = "drive->driven" if (ends is LOW) == (wrap == "ccw") else "driven->drive"
+    with pytest.raises(DriveError) as refused:
+        loads_drive(text)
+    line = f'guides.rail: its face is turned to the toes of strand "{strand}"; must be turned to the chain\'s back'
+    assert refused.value.errors == (f"<text>: {line}",)
+
+
+def test_check_speaks_of_pins():
+    lines = report(derive(silent_drive())).splitlines()
+    assert "  with it the largest forces on single pins, and what single contacts dissipate, keep 5 to 8 %" in lines
+    assert lines[-1].endswith('is, because of pins on the teeth of "drive"')
