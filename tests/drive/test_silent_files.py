@@ -145,3 +145,35 @@ def test_check_speaks_of_pins():
     lines = report(derive(silent_drive())).splitlines()
     assert "  with it the largest forces on single pins, and what single contacts dissipate, keep 5 to 8 %" in lines
     assert lines[-1].endswith('is, because of pins on the teeth of "drive"')
+
+
+@pytest.mark.parametrize(
+    ("values", "line"),
+    [
+        ({"chain.kind": "quiet"}, 'chain.kind = "quiet": must be "roller" or "silent"'),
+        ({"chain.back_height": 1.0}, "chain.back_height = 1.0: must be below the pitch, 0.009525"),
+        ({"chain.flank_angle": 89.0}, "chain.flank_angle = 89.0: must be a number of degrees from 20 to 45"),
+        ({"sprockets.drive.teeth": 1}, "sprockets.drive.teeth = 1: must be an integer of at least 5"),
+        ({"sprockets.drive.teeth": 16}, "sprockets.drive.teeth = 16: must be at least 17 with a silent chain"),
+        ({"sprockets.drive.wrap": "cw"},
+         'sprockets.driven.wrap = "ccw": must be "cw", as of "drive": the toes of a silent chain point to one side'),
+    ],
+)  # fmt: skip
+def test_a_wrong_value_is_one_line(values, line):
+    with pytest.raises(DriveError) as refused:
+        silent_drive(**values)
+    assert refused.value.errors == (line,)
+
+
+def test_a_sized_chain_on_a_wheel_without_teeth_is_refused():
+    with pytest.raises(DriveError, match="teeth = 0: must be an integer of at least 5"):
+        loads_drive(dumps_drive(sized_drive()).replace("teeth = 23", "teeth = 0").split("[run]")[0])
+
+
+def test_quantities_of_plates_are_read_in_their_units():
+    text = dumps_drive(silent_drive()).replace(
+        'kind = "silent"', 'kind = "silent"\ntoe_depths = ["1.905 mm", "0.1875 in"]\nback_height = "0.15 in"'
+    )
+    chain = loads_drive(text).chain
+    assert chain.toe_depths == pytest.approx((1.905e-3, 4.7625e-3), rel=1e-12)
+    assert chain.roller_radius == pytest.approx(3.81e-3, rel=1e-12)

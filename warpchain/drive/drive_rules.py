@@ -189,7 +189,7 @@ def _chain_size_rules(drive: Any, chain: Chain, guides: Sequence[tuple[int, Any]
     sprocket = valid_part(SprocketContact, node_value(contact, "sprocket"))
     if sprocket is not None and sprocket.clearance is not None:
         room = chain.pitch / 2 - radius
-        if sprocket.clearance >= room:
+        if sprocket.clearance >= room and not chain.is_silent:
             text = f"must be below half the pitch less the roller radius, {room:g}"
             yield Problem(("contact", "sprocket", "clearance"), sprocket.clearance, text)
         yield from _reference_load_rule(sprocket, radius, radius + sprocket.clearance, "contact", "sprocket")
@@ -344,9 +344,9 @@ def wheel_rules(drive: Any) -> Iterator[Problem]:
         if node_value(sprocket, "tooth") is not None:
             text = "not together with a silent chain, whose plates set the teeth"
             yield Problem(("sprockets", s, "tooth"), None, text, BARE)
-        if are_numbers(teeth) and teeth < LEAST_TEETH:
+        if are_numbers(teeth) and 5 <= teeth < LEAST_TEETH:
             yield Problem(("sprockets", s, "teeth"), teeth, f"must be at least {LEAST_TEETH} with a silent chain")
-        elif are_numbers(teeth):
+        elif are_numbers(teeth) and teeth >= LEAST_TEETH:
             yield from (problem.nested_under("sprockets", s) for problem in _toe_rules(chain, teeth))
         first, name = sides.setdefault(getattr(chain, "name", None), (wrap, node_value(sprocket, "name")))
         if wrap != first:
