@@ -1,6 +1,6 @@
 """Feeds files and folders of studies that were changed at random to what reads them.
 
-    python scripts/fuzz.py --kind drives studies tables conventions archives folders --count 1000 --seed 0
+    python scripts/fuzz.py --kind drives silent studies tables conventions archives folders --count 1000 --seed 0
     python scripts/fuzz.py --kind drives --drives v6 balance_shafts --count 10000
 
 Each case starts from something right and changes it: bits, bytes, lines, numbers, pieces of others. It is accepted,
@@ -29,7 +29,7 @@ from typing import Any
 
 import numpy as np
 import pyarrow as pa
-from common.cases import described_parser
+from common.cases import SCRIPTS, described_parser
 from common.drives import example_drive
 from hypothesis import HealthCheck, given, seed, settings
 from hypothesis import strategies as st
@@ -80,6 +80,8 @@ NAMES = (
 
 Studies and runs are those of the first.
 """
+SILENT = SCRIPTS / "common" / "silent.toml", SCRIPTS / "drawings" / "silent.toml"
+"""Drive files with silent chains that are changed as they are."""
 STUDY = """
 [study]
 drive = "marine"
@@ -316,8 +318,16 @@ class Fuzz:
 
     def drives(self, draw: Draw) -> None:
         """A changed drive file: read, assembled, and written and read again."""
+        self.read_changed(draw(changed_text(draw(one_of(self.texts)))))
+
+    def silent(self, draw: Draw) -> None:
+        """A changed file of a drive with a silent chain."""
+        self.read_changed(draw(changed_text(draw(one_of(SILENT)).read_text())))
+
+    def read_changed(self, data: bytes) -> None:
+        """Reads and assembles a drive, and writes and reads it again."""
         path = self.folder / "case.toml"
-        path.write_bytes(draw(changed_text(draw(one_of(self.texts)))))
+        path.write_bytes(data)
         drive = load_drive(path)
         resolve_step(drive)
         assemble_chains(Model(drive))
@@ -427,7 +437,7 @@ class Fuzz:
                 assert np.array_equal(values, getattr(own, name)[kept]), f"{name} of {variant} are other values"
 
 
-KINDS = ("drives", "studies", "tables", "conventions", "archives", "folders")
+KINDS = ("drives", "silent", "studies", "tables", "conventions", "archives", "folders")
 
 
 def fuzz(case: Callable[[Draw], None], count: int, first: int) -> Counter[str]:

@@ -1,8 +1,50 @@
-"""Drives with silent chains."""
+"""Drives with silent chains that tests share."""
+
+import math
 
 from drives import two_sprockets
 
-from warpchain import Drive
+from warpchain import Drive, loads_drive
+
+CENTERS = 0.222
+"""Distance of the two shafts [m]."""
+
+
+def pulled_silent_drive(teeth: tuple[int, int] = (23, 23), wrap: str = "ccw", **values: object) -> Drive:
+    """Two wheels and the silent chain of 9.525 mm that fits between them, on a slider, with values replaced."""
+    pitch, (first, second) = 9.525e-3, teeth
+    links = 2.0 * CENTERS / pitch + 0.5 * (first + second) + ((first - second) / math.tau) ** 2 * pitch / CENTERS
+    text = f"""
+[chain]
+kind = "silent"
+pitch = {pitch}
+links = {2 * math.ceil(links / 2)}
+mass_per_length = 1.0
+stiffness = 2e7
+damping_ratio = 0.02
+[[sprockets]]
+name = "drive"
+teeth = {first}
+center = [0.0, 0.0]
+wrap = "{wrap}"
+prescribed = {{ speed = 200.0 }}
+[[sprockets]]
+name = "driven"
+teeth = {second}
+center = [{CENTERS}, 0.0]
+wrap = "{wrap}"
+inertia = 2e-4
+mass = 1.0
+mount = {{ kind = "slider", direction = [1.0, 0.0], stiffness = 0.0, damping = 50.0, preload = 1000.0 }}
+[contact.sprocket]
+restitution = 0.3
+impact_speed_floor = 0.02
+stiffness = 5e7
+[run]
+duration = 0.002
+step = "auto"
+"""
+    return loads_drive(text).with_values(values)
 
 
 def silent_drive(**values):

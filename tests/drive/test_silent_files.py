@@ -5,7 +5,7 @@ import re
 from pathlib import Path
 
 import pytest
-from silent import silent_drive
+from silent_chains import pulled_silent_drive
 
 from warpchain import dumps_drive, loads_drive
 from warpchain.assembly.summary import derive, report
@@ -17,7 +17,7 @@ ROOT = Path(__file__).resolve().parent.parent.parent
 
 
 def test_a_file_says_the_back_once_and_reads_back_equal():
-    drive = silent_drive()
+    drive = pulled_silent_drive()
     text = dumps_drive(drive)
     assert 'kind = "silent"' in text and "roller_radius" not in text
     assert loads_drive(text) == drive
@@ -26,8 +26,8 @@ def test_a_file_says_the_back_once_and_reads_back_equal():
 
 def test_the_back_follows_a_changed_pitch_and_a_changed_height():
     other = {"chain.pitch": 0.0127, "sprockets.driven.center": [0.296, 0.0]}
-    assert silent_drive(**other).chain.roller_radius == pytest.approx(0.4 * 0.0127, rel=1e-12)
-    assert silent_drive(**{"chain.back_height": 0.003}).chain.roller_radius == 0.003
+    assert pulled_silent_drive(**other).chain.roller_radius == pytest.approx(0.4 * 0.0127, rel=1e-12)
+    assert pulled_silent_drive(**{"chain.back_height": 0.003}).chain.roller_radius == 0.003
 
 
 def sized_drive(**values):
@@ -88,7 +88,7 @@ def test_what_does_not_go_with_a_size_is_refused(values, line):
 @pytest.mark.parametrize("value", [[], [1.0, "a"], (0.002, 0.004, 0.006), -1.0, "x", {}, math.inf])
 def test_wrong_values_of_plates_are_errors_of_the_drive(key, value):
     with pytest.raises(DriveError, match=f"^chain.{key}") as refused:
-        silent_drive(**{f"chain.{key}": value})
+        pulled_silent_drive(**{f"chain.{key}": value})
     assert len(refused.value.errors) == 1
 
 
@@ -107,3 +107,73 @@ def test_the_pages_drive_is_that_of_its_picture():
     (text,) = re.findall(r"^```toml\n(.*?)^```", page, re.MULTILINE | re.DOTALL)
     assert text == (ROOT / "scripts" / "drawings" / "silent.toml").read_text()
     assert derive(loads_drive(text))["layout"] == []
+
+
+GUIDED = """
+[[guides]]
+name = "rail"
+start = {start}
+end = {end}
+side = "{side}"
+end_radius = 0.01
+[contact.guide]
+restitution = 0.3
+impact_speed_floor = 0.02
+stiffness = 1e7
+"""
+LOW, HIGH = ([0.02, -0.0385], [0.2, -0.0385]), ([0.02, 0.0385], [0.2, 0.0385])
+
+
+@pytest.mark.parametrize("wrap", ["ccw", "cw"])
+@pytest.mark.parametrize("backward", [False, True])
+@pytest.mark.parametrize("side", ["left", "right"])
+@pytest.mark.parametrize("ends", [LOW, HIGH])
+def test_guides_on_the_toes_are_refused_and_those_on_the_back_are_not(ends, side, backward, wrap):
+    start, end = ends[::-1] if backward else ends
+    text = dumps_drive(pulled_silent_drive(wrap=wrap)) + GUIDED.format(start=start, end=end, side=side)
+    if (ends is LOW) == (backward == (side == "right")):  # the face looks up, from below
+        assert loads_drive(text).guides[0].name == "rail"
+        return
+    strand = "drive->driven" if (ends is LOW) == (wrap == "ccw") else "driven->drive"
+    with pytest.raises(DriveError) as refused:
+        loads_drive(text)
+    line = f'guides.rail: its face is turned to the toes of strand "{strand}"; must be turned to the chain\'s back'
+    assert refused.value.errors == (f"<text>: {line}",)
+
+
+def test_check_speaks_of_pins():
+    lines = report(derive(pulled_silent_drive())).splitlines()
+    assert "  with it the largest forces on single pins, and what single contacts dissipate, keep 5 to 8 %" in lines
+    assert lines[-1].endswith('is, because of pins on the teeth of "drive"')
+
+
+@pytest.mark.parametrize(
+    ("values", "line"),
+    [
+        ({"chain.kind": "quiet"}, 'chain.kind = "quiet": must be "roller" or "silent"'),
+        ({"chain.back_height": 1.0}, "chain.back_height = 1.0: must be below the pitch, 0.009525"),
+        ({"chain.flank_angle": 89.0}, "chain.flank_angle = 89.0: must be a number of degrees from 20 to 45"),
+        ({"sprockets.drive.teeth": 1}, "sprockets.drive.teeth = 1: must be an integer of at least 5"),
+        ({"sprockets.drive.teeth": 16}, "sprockets.drive.teeth = 16: must be at least 17 with a silent chain"),
+        ({"sprockets.drive.wrap": "cw"},
+         'sprockets.driven.wrap = "ccw": must be "cw", as of "drive": the toes of a silent chain point to one side'),
+    ],
+)  # fmt: skip
+def test_a_wrong_value_is_one_line(values, line):
+    with pytest.raises(DriveError) as refused:
+        pulled_silent_drive(**values)
+    assert refused.value.errors == (line,)
+
+
+def test_a_sized_chain_on_a_wheel_without_teeth_is_refused():
+    with pytest.raises(DriveError, match="teeth = 0: must be an integer of at least 5"):
+        loads_drive(dumps_drive(sized_drive()).replace("teeth = 23", "teeth = 0").split("[run]")[0])
+
+
+def test_quantities_of_plates_are_read_in_their_units():
+    text = dumps_drive(pulled_silent_drive()).replace(
+        'kind = "silent"', 'kind = "silent"\ntoe_depths = ["1.905 mm", "0.1875 in"]\nback_height = "0.15 in"'
+    )
+    chain = loads_drive(text).chain
+    assert chain.toe_depths == pytest.approx((1.905e-3, 4.7625e-3), rel=1e-12)
+    assert chain.roller_radius == pytest.approx(3.81e-3, rel=1e-12)

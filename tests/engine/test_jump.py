@@ -8,10 +8,11 @@ import pytest
 from command import refused
 from command import run as command
 from drives import example, two_sprockets
+from silent_chains import pulled_silent_drive
 
 from warpchain import loads_drive
 from warpchain.assembly import assemble, statics
-from warpchain.assembly.tooth_hold import held_tension_ratio, top_radius
+from warpchain.assembly.tooth_hold import has_tooth_jump, held_tension_ratio, top_radius
 from warpchain.drive import dumps_drive
 from warpchain.drive.reversed_drive import reversed_drive
 from warpchain.engine.jump import find_jumps, jump_in_metrics
@@ -199,3 +200,14 @@ def test_a_drive_without_load_has_no_torque_to_raise():
         find_jumps(bare)
     with pytest.raises(SimulationError, match="by = "):
         find_jumps(bare, "speed")
+
+
+@pytest.mark.parametrize(("share", "jumps"), [(0.57, False), (1.03, True)])
+def test_toes_hold_until_a_tensioner_of_constant_force_leaves_no_tension(share, jumps):
+    """Preload F is T1 + T2 less the centrifugal parts, and 11.5 teeth hold q^n = 3,200: M = R F (q^n - 1)/(q^n + 1)."""
+    model = single_chain(pulled_silent_drive())
+    assert held_tension_ratio(model, 1) == pytest.approx(
+        math.sin(math.radians(30)) / math.sin(math.radians(30 - 360 / 23)), rel=1e-12
+    )
+    load = {"torque": share * 1000.0 * model.pitch_radius(1)}
+    assert has_tooth_jump(single_chain(pulled_silent_drive(**{"sprockets.driven.load": load})), 1) is jumps

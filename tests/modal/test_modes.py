@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from drives import example, timing, two_sprockets
 from scipy.optimize import least_squares
+from silent_chains import pulled_silent_drive
 
 from warpchain import assemble
 from warpchain.assembly.timestep import step_limit
@@ -315,3 +316,12 @@ def test_a_guided_strand_has_the_frequency_of_its_free_part():
     free = max(assembly.path.free_lengths(0))
     assert free < 0.7 * assembly.path.strand_length[0]
     assert found.frequency[first] == pytest.approx(wave / (2.0 * free), rel=0.05)
+
+
+def test_strands_of_a_silent_chain_hang_between_the_pins_whose_flanks_touch():
+    found = modes(pulled_silent_drive(), count=2)
+    assert sorted(found.names) == ["drive->driven 1", "driven->drive 1"]
+    (places,) = [part.layout for part in drive_motion(pulled_silent_drive(), 0.0).parts]
+    # 180 degrees of each wheel hold 23 / 2 pins, and one more or less
+    assert all(abs((places.arc == s).sum() - 11.5) <= 1.5 for s in (0, 1))
+    assert sorted({*places.strand}) == [-1, 0, 1] and ((places.arc < 0) == (places.strand >= 0)).all()

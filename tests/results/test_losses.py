@@ -2,8 +2,10 @@
 
 import pytest
 from drives import example, row
+from silent_chains import pulled_silent_drive
 
-from warpchain.results.losses import losses
+from warpchain import simulate
+from warpchain.results.losses import friction_power, losses
 
 
 def test_losses_close_the_energy_balance():
@@ -34,3 +36,10 @@ def test_only_groups_that_a_drive_has():
 
     drive = two_sprockets(duration=0.001, settle="false")
     assert set(losses(drive, row(drive))) == {"sprocket contacts", "links"}
+
+
+def test_frames_of_silent_chains_tell_no_friction_of_teeth():
+    drive = pulled_silent_drive(
+        **{"contact.sprocket.friction": 0.1, "chain.joint": {"friction": 0.1, "pin_radius": 0.0014}}
+    )
+    assert list(friction_power(simulate(drive, duration=0.001, device="cpu")[0])) == ["joints"]

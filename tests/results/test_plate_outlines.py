@@ -8,7 +8,7 @@ import pytest
 from drives import STARTING
 from matplotlib.collections import PolyCollection
 from matplotlib.path import Path
-from silent import silent_drive
+from silent_chains import pulled_silent_drive
 
 from warpchain import simulate
 from warpchain.assembly.tooth_hold import top_radius
@@ -29,7 +29,7 @@ def seated_plates(teeth):
     angle = 2.0 * math.pi / teeth * np.arange(teeth)
     radius = PITCH / (2.0 * math.sin(math.pi / teeth))
     pins = radius * np.stack([np.cos(angle), np.sin(angle)], axis=1)
-    model = single_chain(silent_drive(**{"chain.pitch": PITCH, "sprockets.driven.center": [0.296, 0.0]}))
+    model = single_chain(pulled_silent_drive(**{"chain.pitch": PITCH, "sprockets.driven.center": [0.296, 0.0]}))
     return plate_outlines(model, pins)
 
 
@@ -92,7 +92,7 @@ def test_a_narrow_gaps_flanks_meet_above_the_root():
 
 def test_toes_point_inward_whichever_way_the_chain_travels():
     for wrap in ("cw", "ccw"):
-        model = single_chain(silent_drive(wrap=wrap))
+        model = single_chain(pulled_silent_drive(wrap=wrap))
         sign = 1.0 if wrap == "ccw" else -1.0
         angle = sign * 2.0 * math.pi / 70 * np.arange(70)
         outlines = plate_outlines(model, 0.1 * np.stack([np.cos(angle), np.sin(angle)], axis=1))
@@ -100,7 +100,7 @@ def test_toes_point_inward_whichever_way_the_chain_travels():
 
 
 def test_pictures_have_wheels_plates_and_pins_with_odd_links_in_front():
-    drive = silent_drive()
+    drive = pulled_silent_drive()
     trajectory = simulate(drive, device="cpu", limits=STARTING)[0]
     model, position = single_chain(drive), np.asarray(trajectory.position[5], dtype=float)
     np.testing.assert_array_equal(tooth_outline(model, 0, 4), wheel_outline(model.chain.plate, 23, 9.525e-3, 4))
@@ -116,7 +116,7 @@ def test_pictures_have_wheels_plates_and_pins_with_odd_links_in_front():
 @pytest.mark.parametrize("teeth", [17, 40])
 def test_a_silent_chain_jumps_where_its_toes_stand_on_tips(teeth):
     """A link there, with the rounded ends of both its toes on the tips' circle, has its pins at that radius."""
-    model = single_chain(silent_drive((teeth, teeth)))
+    model = single_chain(pulled_silent_drive((teeth, teeth)))
     plate, top = model.chain.plate, top_radius(model, 0)
     height = math.sqrt(top**2 - (0.5 * plate.pitch) ** 2)
     x, y = plate.flank_end(1)

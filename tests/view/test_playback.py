@@ -12,7 +12,7 @@ from command import run as command
 from drives import STARTING, example, timing, two_sprockets
 from hypothesis import given
 from hypothesis import strategies as st
-from silent import silent_drive
+from silent_chains import pulled_silent_drive
 
 from warpchain import Record, Trajectory, simulate, write_archive
 from warpchain.errors import SimulationError
@@ -173,7 +173,7 @@ def test_arms_turn_and_plungers_come_out():
 
 
 def test_a_silent_chain_has_a_strip_for_each_plate_and_pins_of_their_size():
-    trajectory = simulate(silent_drive(), device="cpu", limits=STARTING)[0].at(slice(0, 2))
+    trajectory = simulate(pulled_silent_drive(), device="cpu", limits=STARTING)[0].at(slice(0, 2))
     spy = Spy()
     log_drive(spy, "a", trajectory, 1000.0)
     _, columns = spy.columns["/a/drive/chain"]

@@ -66,6 +66,7 @@ class Steady:
         arm_angle: (A,) angles of the arms [rad].
         twist, torque: (C,) of the couplings [rad], and what they take from their first bodies [N m].
         failure: why no equilibrium was found; the other values are then void. None where it was.
+        residual: largest force that is left over the largest that acts [-].
     """
 
     tension: Array
@@ -76,6 +77,7 @@ class Steady:
     twist: Array
     torque: Array
     failure: str | None
+    residual: float
 
 
 def load_moments(model: ChainModel, speed: float | Array) -> Array:
@@ -142,7 +144,7 @@ def _unknown_state(model: ChainModel, assembly: Assembly, frequency: float, fail
     nothing = np.full(len(model.sprockets), math.nan)
     centrifugal = model.chain.mass * model.chain.pitch * frequency**2
     slack = np.full(len(model.couplings), math.nan)
-    return Steady(nothing, centrifugal, nothing, nothing, assembly.arm_angle, slack, slack, failure)
+    return Steady(nothing, centrifugal, nothing, nothing, assembly.arm_angle, slack, slack, failure, math.inf)
 
 
 def _steady_state(model: ChainModel, assembly: Assembly, frequency: float, moments: Array) -> Steady:
@@ -169,7 +171,7 @@ def _steady_state(model: ChainModel, assembly: Assembly, frequency: float, momen
     tension, *others = (np.asarray(np.mean(values, axis=0)) for values in zip(*means, strict=True))
     displacement, center, arm_angle, twist, torque = others
     centrifugal = potential.push * model.chain.pitch
-    return Steady(tension, centrifugal, displacement, center, arm_angle, twist, torque, failure)
+    return Steady(tension, centrifugal, displacement, center, arm_angle, twist, torque, failure, residual)
 
 
 def _assembled_coordinates(potential: Potential, assembly: Assembly) -> Array:

@@ -385,10 +385,12 @@ def _strength_lines(found: dict[str, Any] | None, area: str) -> list[str]:
 def _step_lines(values: dict[str, Any]) -> list[str]:
     """Report lines on the time step, its limit for 1 %, half and double of it."""
     step, limit, largest = values["step"], values["step_limit"], values["automatic_step"]
+    silent = all(of["kind"] == "silent" for of in values.get("chains", {"": values}).values())
+    single = "single pins" if silent else "single rollers"
     double = "not stable" if 2.0 * step >= limit else f"{2.0 * step / largest:.2f} of the largest, and stable"
     return [
         f'step: {step:.4g} s; the largest that keeps 1 % in means and losses is {largest:.4g} s ("auto")',
-        "  with it the largest forces on single rollers, and what single contacts dissipate, keep 5 to 8 %",
+        f"  with it the largest forces on {single}, and what single contacts dissipate, keep 5 to 8 %",
         f"  half of that, {0.5 * largest:.4g} s, keeps 1 % in the largest tension, too, and takes twice as long",
         f"  double the step is {double}: no step from {limit:.4g} s on is, because of {values['stiffest_part']}",
     ]

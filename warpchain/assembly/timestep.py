@@ -238,9 +238,10 @@ def _stiffest_of_chain(model: ChainModel) -> str:
     """Name of the part of one chain that needs the shortest time step."""
     chain, mass = model.chain, model.chain.lightest_mass
     springs = 2.0 * (chain.stiffness + chain.outer_stiffness) / mass
-    parts = {f"rollers on {name}": stiffness / mass for name, stiffness in _contact_stiffnesses(model)}
+    points = "pins" if chain.is_silent else "rollers"
+    parts = {f"{points} on {name}": stiffness / mass for name, stiffness in _contact_stiffnesses(model)}
     parts = {name: square for name, square in parts.items() if square == max(parts.values())}
-    parts["rollers between two links"] = springs
+    parts[f"{points} between two links"] = springs
     links = 2.0 * (chain.link_damping + chain.outer_damping) / mass
     parts["the dampers of the links"] = links * links
     parts |= {body.name: body.square + body.rate * body.rate for body in moving_bodies(model)}

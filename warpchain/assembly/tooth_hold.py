@@ -35,6 +35,8 @@ from warpchain.model import ChainModel
 
 LEAST_CHANGE = 1e-9
 """Tension below which a strand counts as slack [N]."""
+MOST_LEFT = 0.02
+"""Force that may be left at rest over the largest that acts: toes on the tips' corners push in steps."""
 ROUNDS = 8
 """Rounds of the fixed point (b), whose error falls by about psi R / N p each."""
 
@@ -75,7 +77,7 @@ def has_tooth_jump(model: ChainModel, s: int) -> bool:
         found = statics.running(_drive_on_tips(model, s, wraps))
     except DriveError:  # no chain so short goes around: there is no slack to climb with
         return False
-    if found.failure is not None:
+    if found.failure is not None and found.residual > MOST_LEFT:
         return True
     low, high = sorted(float(found.tension[k]) - found.centrifugal for k in (s - 1, s))
     held = model.sprockets[s].teeth * float(wraps[s]) / math.tau

@@ -348,6 +348,15 @@ def _limits_from_words(words: list[str]) -> Any:
         raise WarpchainError(re.sub(r"^limits: (\S+) = ", r"--limit \1=", str(error), flags=re.MULTILINE)) from None
 
 
+def _engaged_text(drive: Any, sprocket: Any, contacts: int) -> str:
+    """Rollers that a sprocket engaged, or links, each of whose four flank ends counts."""
+    from warpchain.drive.parts_by_chain import chain_of_part
+
+    chain = chain_of_part(drive, sprocket)
+    is_silent = chain is not None and chain.is_silent
+    return f"{round(contacts / 4)} links engaged" if is_silent else f"{contacts} rollers engaged"
+
+
 def _run_summary(drive: Any, row: dict[str, Any], seconds: float) -> list[str]:
     """Lines to print on a run: tension, sprockets, energy, losses, status."""
     from warpchain.results.judgement import START_ENERGY_CHANGE
@@ -373,7 +382,7 @@ def _run_summary(drive: Any, row: dict[str, Any], seconds: float) -> list[str]:
         else:
             lines.append(
                 f"{name}: speed {row[f'{name}.speed_mean']:.4g} rad/s, moment {moment}, largest contact force {force}, "
-                f"{row[f'{name}.contacts']} rollers engaged"
+                f"{_engaged_text(drive, sprocket, row[f'{name}.contacts'])}"
             )
         if row.get(f"{name}.travel_max") is not None:
             lines.append(

@@ -166,7 +166,7 @@ def _add_chains_command(commands: Any) -> None:
     _add_function_command(
         commands,
         do.chains_command,
-        "list the chains that size = names: ISO 606, motorcycles, bush chains",
+        "list the chains that size = names: ISO 606, motorcycles, bush chains, silent chains",
         "warpchain chains",
     )
 

@@ -485,7 +485,7 @@ class Chain(Part):
             return values
         if isinstance(size := values.get("size"), str):
             values = cls._with_values_of_size(values, size)
-        return _with_back_as_radius(values) if values.get("kind") == "silent" else values
+        return values if values.get("kind") in (None, "roller") else _with_back_as_radius(values)
 
     @classmethod
     def _with_values_of_size(cls, values: Mapping[str, Any], size: str) -> Mapping[str, Any]:
@@ -568,6 +568,8 @@ def _plate_rules(node: Any) -> Iterable[Problem]:
     if not isinstance(depths, list | tuple) or len(depths) != 2:
         return
     if not are_numbers(*(numbers := (pitch, *depths, *own.values()))) or min(numbers) <= 0.0:
+        return
+    if not 20.0 <= own.get("flank_angle", FLANK_ANGLE) <= 45.0:
         return
     plate = chain_plate(node)
     if are_numbers(radius) and radius != plate.back_height:

@@ -249,7 +249,7 @@ def _run_values(values: Mapping[str, Any], chain: Any, found: Mapping[Path, Any]
             _positive_number(node_value(node_value(sprocket, "prescribed"), "speed"), "rad/s"),
             node_value(sprocket, "teeth"),
         )
-        if rate is None and speed is not None and are_numbers(teeth):
+        if rate is None and speed is not None and are_numbers(teeth) and speed * teeth > 0.0:
             rate = speed * teeth / math.tau
     if node_value(run, "step") is None:
         yield ("run", "step"), "auto"

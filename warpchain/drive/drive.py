@@ -22,6 +22,7 @@ from warpchain.drive.defaults import values_with_defaults
 from warpchain.drive.drive_rules import (
     PLACES,
     arm_rules,
+    back_rules,
     count_rules,
     face_rules,
     guide_rules,
@@ -77,6 +78,7 @@ RULES = (
     profile_rules,
     tooth_rules,
     wheel_rules,
+    back_rules,
     face_rules,
     arm_rules,
     pivot_rules,
@@ -98,6 +100,7 @@ NUMBER_RULES = {
     profile_rules: {*PITCHES, *(f"guides.{key}" for key in ("offset", "radius", "arcs", "profile", "end_radius"))},
     tooth_rules: {*PITCHES, "sprockets", "chain.roller_radius", "chains.roller_radius"},
     wheel_rules: {*PITCHES, "sprockets.teeth", *(f"{of}.{key}" for of in ("chain", "chains") for key in PLATE_KEYS)},
+    back_rules: {"sprockets.center", *(f"guides.{key}" for key in FACES)},
     face_rules: {*PITCHES, *(f"guides.{key}" for key in FACES)},
     tensioner_rules: {*PITCHES, "sprockets", "guides", "arms", "tensioners"},
     train_rules: {"chains", "sprockets", "shafts", "gears", "couplings"},

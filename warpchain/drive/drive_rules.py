@@ -189,7 +189,7 @@ def _chain_size_rules(drive: Any, chain: Chain, guides: Sequence[tuple[int, Any]
     sprocket = valid_part(SprocketContact, node_value(contact, "sprocket"))
     if sprocket is not None and sprocket.clearance is not None:
         room = chain.pitch / 2 - radius
-        if sprocket.clearance >= room:
+        if sprocket.clearance >= room and not chain.is_silent:
             text = f"must be below half the pitch less the roller radius, {room:g}"
             yield Problem(("contact", "sprocket", "clearance"), sprocket.clearance, text)
         yield from _reference_load_rule(sprocket, radius, radius + sprocket.clearance, "contact", "sprocket")
@@ -230,6 +230,8 @@ PLACES = {
 }
 CLEARANCE_SLACK = 1e-9
 """Overlap of seated toes and teeth by round-off, in pitches."""
+LEAST_ALONG = 0.3
+"""Least cosine between a guide's chord and its strand [-]."""
 LEAST_LEVER = 1e-3
 """Least share of a tensioner's lever or direction [-]."""
 
@@ -342,9 +344,9 @@ def wheel_rules(drive: Any) -> Iterator[Problem]:
         if node_value(sprocket, "tooth") is not None:
             text = "not together with a silent chain, whose plates set the teeth"
             yield Problem(("sprockets", s, "tooth"), None, text, BARE)
-        if are_numbers(teeth) and teeth < LEAST_TEETH:
+        if are_numbers(teeth) and 5 <= teeth < LEAST_TEETH:
             yield Problem(("sprockets", s, "teeth"), teeth, f"must be at least {LEAST_TEETH} with a silent chain")
-        elif are_numbers(teeth):
+        elif are_numbers(teeth) and teeth >= LEAST_TEETH:
             yield from (problem.nested_under("sprockets", s) for problem in _toe_rules(chain, teeth))
         first, name = sides.setdefault(getattr(chain, "name", None), (wrap, node_value(sprocket, "name")))
         if wrap != first:
@@ -365,6 +367,37 @@ def _toe_rules(chain: Chain, teeth: int) -> Iterator[Problem]:
     elif toe_clearance(plate, teeth, chain.pitch) < -CLEARANCE_SLACK * chain.pitch:
         text = "must be a wheel that toes clear as links turn in: more teeth, flanks that begin deeper, or lower toes"
         yield Problem(("teeth",), teeth, text)
+
+
+def back_rules(drive: Any) -> Iterator[Problem]:
+    """Problems of guides on the toes of a silent chain, by the nearest strand along each face, both as drawn."""
+    if any(True for _ in place_rules(drive)):
+        return
+    for g, guide in enumerate(node_list(drive, "guides")):
+        chain = chain_of_part(drive, guide)
+        profile = guide_profile(guide, chain.pitch) if chain is not None and chain.is_silent else None
+        if chain is None or profile is None:
+            continue
+        name = node_value(guide, "chain")
+        own = [part for part in node_list(drive, "sprockets") if node_value(part, "chain") == name]
+        wheels = [wheel for part in own if (wheel := valid_part(Sprocket, part)) is not None]
+        begin, end = (complex(*place) for place in (profile.face[0].start, profile.face[-1].end))
+        middle, way = 0.5 * (begin + end), (end - begin) / max(abs(end - begin), 1e-300)
+        found: list[tuple[float, float, str]] = []  # distance, cosine to the face, name
+        for k in range(len(wheels) if len(wheels) == len(own) > 1 else 0):
+            pair = wheels[k], wheels[(k + 1) % len(wheels)]
+            heading = _strand_heading(*pair, chain.pitch)
+            if heading is None:
+                continue
+            along = complex(math.cos(heading), math.sin(heading))
+            start, stop = (complex(*of.center) - of.sign * _pitch_radius(of, chain.pitch) * 1j * along for of in pair)
+            part = min(max(((middle - start) * along.conjugate()).real, 0.0), abs(stop - start))
+            cosine = pair[0].sign * (way * along.conjugate()).real
+            if abs(cosine) > LEAST_ALONG:
+                found.append((abs(middle - start - part * along), cosine, "->".join(of.name for of in pair)))
+        if found and min(found)[1] < 0.0:
+            text = f'its face is turned to the toes of strand "{min(found)[2]}"; must be turned to the chain\'s back'
+            yield Problem(("guides", g), None, text, BARE)
 
 
 def _face_bend_rules(guide: Any, pitch: float) -> Iterator[Problem]:
@@ -596,8 +629,13 @@ def _strand_heading(one: Sprocket, other: Sprocket, pitch: float) -> float | Non
     With n its left normal, (c_2 - c_1).n = s_2 R_2 - s_1 R_1.
     """
     dx, dy = other.center[0] - one.center[0], other.center[1] - one.center[1]
-    first, second = (part.sign * pitch / (2.0 * math.sin(math.pi / part.teeth)) for part in (one, other))
+    first, second = (part.sign * _pitch_radius(part, pitch) for part in (one, other))
     distance = math.hypot(dx, dy)
     if abs(second - first) >= distance:
         return None
     return math.atan2(dy, dx) - math.asin((second - first) / distance)
+
+
+def _pitch_radius(sprocket: Sprocket, pitch: float) -> float:
+    """Pitch radius of a sprocket [m]."""
+    return pitch / (2.0 * math.sin(math.pi / sprocket.teeth))

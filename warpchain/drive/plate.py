@@ -118,6 +118,8 @@ def plate_problems(plate: Plate) -> Iterator[tuple[str, Any, str]]:
     """Keys, values and error sentences of plates that cannot be."""
     begin, end = plate.toe_depths
     foot = plate.flank_distance * sin(plate.flank_angle)
+    if plate.back_height >= plate.pitch:
+        yield "back_height", plate.back_height, f"must be below the pitch, {plate.pitch:g}"
     if plate.tip_radius >= plate.flank_distance:
         text = f"must be below flank_distance, {plate.flank_distance:g}"
         yield "tip_radius", plate.tip_radius, text

@@ -194,8 +194,11 @@ class ForceProbe:
     def touching_rollers(self, states: ProbeStates) -> NDArray[np.bool_]:
         """(S + G, N) whether rollers touch sprockets and guides."""
         self._evaluate(ProbeStates(**{name: value[:1] for name, value in vars(states).items()}))
-        partners = self.sprockets + int(self.base.drives["guides"][0])
-        return np.array(self._impact_speed[: partners * self.rollers].reshape(partners, self.rollers) > 0.0)
+        points, guides = (int(self.base.drives[key][0]) for key in ("points", "guides"))
+        rows = self.sprockets * points + guides
+        touches = self._impact_speed[: rows * self.rollers].reshape(rows, self.rollers) > 0.0
+        teeth = touches[: self.sprockets * points].reshape(self.sprockets, points, self.rollers)
+        return np.concatenate([teeth.any(axis=1), touches[self.sprockets * points :]])
 
     def close(self) -> None:
         """Ends the probe's threads."""

@@ -167,7 +167,7 @@ def friction_power(trajectory: Trajectory) -> dict[str, Array]:
     for g, guide in enumerate(model.guides):
         if guide_friction_coefficients(model, g).has_friction:
             found[guide.name] = guide_friction_power(trajectory, g, touching[g])
-    if tooth_friction_coefficients(model).has_friction:
+    if tooth_friction_coefficients(model).has_friction and not model.chain.is_silent:  # whose flanks no channel has
         near = engaged_sprockets(trajectory)
         for s, sprocket in enumerate(model.sprockets):
             found[sprocket.name] = tooth_friction_power(trajectory, s, near)
