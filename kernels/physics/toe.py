@@ -14,6 +14,9 @@ A force F at a place z from m acts on the pins as F/2 -+ (z x F) n / l, n = u tu
 length: momentum and angular momentum are exact. The inverse mass along a unit vector N is that of a roller times
 
     1/2 + 2 ((z x N) / l)^2.                                                                                      (b)
+
+A contact's closing acceleration by all else (`impact`) is that of the pins by their links now and by teeth in the step
+before, less the contact's own force then. So forces do not hang on the order in which contacts are worked out.
 """
 
 from typing import Any

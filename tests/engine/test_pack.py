@@ -74,7 +74,8 @@ def test_each_variant_is_packed_as_if_alone():
         row = packed.drives[v]
         assert {name: int(row[name]) for name in PLACES} == at
         rollers, wheels, bars = (int(row[name]) for name in ("rollers", "sprockets", "guides"))
-        steps = (rollers, wheels, bars, rollers * (wheels + bars), rollers * (wheels + 1))
+        contacts = wheels * int(row["points"]) + bars
+        steps = (rollers, wheels, bars, rollers * contacts, rollers * (wheels + 1))
         at = {name: at[name] + more for name, more in zip(PLACES, steps, strict=True)}
         for name in ("drives", "chains", "lengths", "rollers", "bodies", "strands", "seat"):
             assert_same(getattr(part, name), getattr(alone, name))

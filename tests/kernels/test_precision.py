@@ -98,7 +98,7 @@ def test_recent_terms_of_sums_are_gathered():
 
 def test_every_sum_of_contacts_and_links_comes_back_from_the_tallies():
     drive = np.zeros(1, dtype=Drive.numpy_dtype())
-    drive["rollers"], drive["sprockets"], drive["bodies"] = 2, 1, 1
+    drive["rollers"], drive["sprockets"], drive["bodies"], drive["points"] = 2, 1, 1, 1
     tallies, sums = Tallies(), Sums()
     for name, var in Tallies.vars.items():
         dtype, count = var.type.dtype, 4

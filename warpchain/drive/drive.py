@@ -100,7 +100,7 @@ NUMBER_RULES = {
     profile_rules: {*PITCHES, *(f"guides.{key}" for key in ("offset", "radius", "arcs", "profile", "end_radius"))},
     tooth_rules: {*PITCHES, "sprockets", "chain.roller_radius", "chains.roller_radius"},
     wheel_rules: {*PITCHES, "sprockets.teeth", *(f"{of}.{key}" for of in ("chain", "chains") for key in PLATE_KEYS)},
-    back_rules: {"sprockets.center", *(f"guides.{key}" for key in FACES)},
+    back_rules: {*PITCHES, "sprockets.center", *(f"guides.{key}" for key in FACES)},
     face_rules: {*PITCHES, *(f"guides.{key}" for key in FACES)},
     tensioner_rules: {*PITCHES, "sprockets", "guides", "arms", "tensioners"},
     train_rules: {"chains", "sprockets", "shafts", "gears", "couplings"},

@@ -371,8 +371,6 @@ def _toe_rules(chain: Chain, teeth: int) -> Iterator[Problem]:
 
 def back_rules(drive: Any) -> Iterator[Problem]:
     """Problems of guides on the toes of a silent chain, by the nearest strand along each face, both as drawn."""
-    if any(True for _ in place_rules(drive)):
-        return
     for g, guide in enumerate(node_list(drive, "guides")):
         chain = chain_of_part(drive, guide)
         profile = guide_profile(guide, chain.pitch) if chain is not None and chain.is_silent else None
@@ -381,7 +379,10 @@ def back_rules(drive: Any) -> Iterator[Problem]:
         name = node_value(guide, "chain")
         own = [part for part in node_list(drive, "sprockets") if node_value(part, "chain") == name]
         wheels = [wheel for part in own if (wheel := valid_part(Sprocket, part)) is not None]
-        begin, end = (complex(*place) for place in (profile.face[0].start, profile.face[-1].end))
+        ends = profile.face[0].start, profile.face[-1].end
+        if any(True for place in (*ends, *(of.center for of in wheels)) for _ in place_rule((), place)):
+            continue
+        begin, end = (complex(*place) for place in ends)
         middle, way = 0.5 * (begin + end), (end - begin) / max(abs(end - begin), 1e-300)
         found: list[tuple[float, float, str]] = []  # distance, cosine to the face, name
         for k in range(len(wheels) if len(wheels) == len(own) > 1 else 0):
