@@ -7,7 +7,7 @@ import blocks
 import numpy as np
 import pytest
 from raw import stepped
-from silent_chains import silent_drive
+from silent_chains import pulled_silent_drive, silent_drive
 
 from warpchain import Drive, simulate
 from warpchain.assembly.potential import Potential
@@ -15,6 +15,7 @@ from warpchain.assembly.timestep import automatic_step
 from warpchain.assembly.toe_energy import Wheel
 from warpchain.drive.plate import toe_clearance, wheel_tooth
 from warpchain.engine.force_probe import ForceProbe, ProbeStates
+from warpchain.engine.gpu_kernels import Bucket, block_kind, kernel_kind, variant_kind_columns
 from warpchain.engine.pack import pack
 from warpchain.kernels.physics.toe import ENDS
 from warpchain.model import single_chain
@@ -195,10 +196,17 @@ def test_bits_do_not_hang_on_cuts():
 
 def test_blocks_take_the_steps_of_the_cpu_where_contacts_hardly_bear(fibers):
     """From a violent start, in which closed contacts bear nothing for a while: their dampers pull."""
-    drive = silent_drive(speed=40.0, damping=500.0).with_values({"contact.sprocket.restitution": 0.3})
-    packed = blocks.pack_for([drive], [Schedule(drive.run.step, 500, 600, 700, 0)], "float64")
-    serial, none = stepped(packed, 400)
+    drive = pulled_silent_drive(**{"sprockets.drive.prescribed.ramp_time": 0.02})
+    packed = blocks.pack_for([drive], [Schedule(6e-6, 500, 600, 700, 0)], "float64")
+    serial, none = stepped(packed, 40)
     for each in (1, 100):
         kind = blocks.kind_of(packed, blocks.shape_of([drive], each), measuring=False)
-        state, _ = blocks.run_blocks(packed, kind, [400], [0], none)
+        state, _ = blocks.run_blocks(packed, kind, [40], [0], none)
         np.testing.assert_allclose(state.rollers.numpy(), serial.state.rollers.numpy(), atol=1e-9, rtol=1e-9)
+
+
+def test_silent_chains_settle_on_blocks_as_such():
+    packed = pack([silent_drive()], [Schedule(1e-6, 10, 1, 10, 0)])
+    columns = {name: int(values[0]) for name, values in variant_kind_columns(packed).items()}
+    bucket = Bucket(block_kind(packed.real, columns, 8), np.zeros(1, dtype=np.intp), None)
+    assert all(kernel_kind(name, bucket).silent for name in ("advance", "measure", "relax"))
