@@ -37,7 +37,7 @@ def toe_link_functions(kind: BlockKind) -> ToeLinkFunctions:
 
     @wp.struct
     class Link:
-        """A link of a pin, its motion, and what it does to the pins."""
+        """A link of a pin and its motion."""
 
         u: vec2  # unit vector from the pin into the link
         length: Real  # [m]

@@ -32,7 +32,6 @@ from .contacts import contact_functions
 from .events import EXTRA
 from .rollers import roller_functions
 from .shared_memory import force_rows
-from .sync import sync_functions
 from .toe_links import toe_link_functions
 from .toe_rows import toe_row_functions
 from .wrench_parts import wrench_part_functions
@@ -48,18 +47,16 @@ class ToeFunctions:
 @cache
 def toe_functions(kind: BlockKind) -> ToeFunctions:
     """The functions that evaluate contacts of toes with the wheels of one variant on a block."""
-    Real, threads, rollers_per_thread = kind.Real, kind.shape.threads, kind.shape.rollers_per_thread
-    kinds, Now = kind.types, kind.types.Now
+    Real, kinds, Now = kind.Real, kind.types, kind.types.Now
     Ensemble, State, Shared = kinds.Ensemble, kinds.State, kinds.Shared
-    vec2, Pose = kinds.vec2, kinds.Pose
-    row, slots = force_rows(kind), kind.shape.slots
+    vec2 = kinds.vec2
+    row = force_rows(kind)
     contacts = contact_functions(kind)
     contact_sums = contact_sum_functions(kind)
     chains = chain_functions(kind)
     wrench_parts = wrench_part_functions(kind)
     access, whole_access = row_access(Real), row_access(wp.int32)
     rollers = roller_functions(kind)
-    sync = sync_functions(kind)
     toe_links, toe_rows = toe_link_functions(kind), toe_row_functions(kind)
 
     @wp.struct
