@@ -77,15 +77,15 @@ def test_what_is_read_in_between_leaves_the_bits(name):
 @pytest.mark.gpu
 @pytest.mark.parametrize("precision", ["float64", "float32"])
 def test_launches_that_are_repeated_have_the_bits_of_others(precision, monkeypatch):
-    """On a GPU: pieces of equal length are recorded launches, but for those that begin or end the window."""
+    """On a GPU: pieces of equal length are captured once, but for those that begin or end the window."""
     from warpchain.engine.gpu import GpuEngine
 
     options = WHOLE | {"device": "cuda:0", "precision": precision, "window": (0.5 * DURATION, DURATION)}
     found, taken = [], []
-    repeated = GpuEngine._record_launches
-    monkeypatch.setattr(GpuEngine, "_record_launches", lambda *of: taken.append(of) or repeated(*of))
-    for records in (True, False):
-        if not records:
+    capture = GpuEngine._capture_piece
+    monkeypatch.setattr(GpuEngine, "_capture_piece", lambda *of: taken.append(of) or capture(*of))
+    for captures in (True, False):
+        if not captures:
             monkeypatch.setattr(GpuEngine, "_repeated_kernel", lambda engine, steps: None)
         with stepping(torques(5), inputs=["driven.load_torque"], outputs=["tension"], **options) as sim:
             frames = []

@@ -384,6 +384,9 @@ class Engine(ABC):
     def set_constants(self, name: str, values: NDArray[Any]) -> None:
         """Sets an array of the ensemble's constant data, between launches, from values in the CPU's types."""
 
+    def stage_tables(self, first: int) -> None:  # noqa: B027
+        """Has the tables from value `first` on, those of inputs, ready to be set between launches at little cost."""
+
     def constants_view(self, name: str) -> NDArray[Any] | None:
         """An array of the ensemble's constant data where kernels read it, in the CPU's types; None of a GPU's."""
         return None

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ctypes
 import queue
 from concurrent.futures import Future, ThreadPoolExecutor
 from typing import Any
@@ -18,8 +19,6 @@ from warpchain.kernels.cpu.relax import relax_kernel
 
 CAPACITIES = (264, 1048, 4120, 16408, 65560)
 """Row lengths of the CPU's scratch, each with a kernel."""
-KEPT_PARAMETER, STEPS_PARAMETER = 6, 7
-"""Places of the bits on the scratch, and of the number of steps, among the parameters of the kernel "advance"."""
 
 SPARE_VALUES = 32
 """Spare values of a CPU scratch row, for whole lanes."""
@@ -32,6 +31,29 @@ def cpu_kernel(name: str, packed: PackedEnsemble, precision: str) -> Any:
     if name == "relax":
         return relax_kernel(*form, silent=silent)
     return advance_kernel(*form, packed.frame, several=bool(packed.drives["chains"].max() > 1), silent=silent)
+
+
+class PreparedLaunch:
+    """Launch of the kernel "advance" that is called again and again, without Warp's checks of its arguments.
+
+    Attributes:
+        bounds: of the launch.
+        arguments: of the kernel, by name.
+        scratch: that it uses.
+    """
+
+    def __init__(self, command: Any, scratch: wp.array) -> None:
+        self.bounds, *values = command.params
+        names = [arg.label for arg in command.kernel.adj.args]
+        fields = [(name, type(value)) for name, value in zip(names, values, strict=True)]
+        self.arguments = type("Arguments", (ctypes.Structure,), {"_fields_": fields})(*values)
+        self.scratch, self._command = scratch, command  # which keeps the arrays alive
+        self._places = ctypes.byref(self.bounds), ctypes.byref(self.arguments)
+
+    def launch(self, steps: int, kept: int) -> None:
+        """Takes all rows so many steps on, with bits `KEEP` and `IS_KEPT`."""
+        self.arguments.steps, self.arguments.kept = steps, kept
+        self._command.hooks.forward(*self._places)
 
 
 class CpuEngine(Engine):
@@ -53,7 +75,7 @@ class CpuEngine(Engine):
         self.cpu_sums = empty_sums(packed, "cpu")
         self._settling: wp.array = wp.empty(0, dtype=relaxation.Settling, device="cpu")
         self._progress = self.state.progress.numpy()
-        self._recorded: tuple[Any, wp.array, int] | None = None
+        self._prepared: tuple[PreparedLaunch, wp.array] | None = None
         self._keeps, self._is_kept = int((packed.drives["chains"] > 0).sum()) == 1, False
 
     def _kernel(self, name: str) -> Any:
@@ -104,41 +126,30 @@ class CpuEngine(Engine):
             future.result()
 
     def _step_here(self, steps: int, frames: wp.array) -> None:
-        """Takes all rows so many steps on in this thread, by a launch recorded before.
+        """Takes all rows so many steps on in this thread.
 
         One variant alone stays in the scratch, until something else is to read its state.
         """
-        if self._recorded is None or self._recorded[1] is not frames:
+        if self._prepared is None or self._prepared[1] is not frames:
             self._put_back()
-            self._recorded = self.recorded_launch(frames, steps)[0], frames, steps
-        command, _, before = self._recorded
-        if steps != before:
-            command.set_param_at_index(STEPS_PARAMETER, steps)
-            self._recorded = command, frames, steps
-        if self._keeps and not self._is_kept:
-            command.set_param_at_index(KEPT_PARAMETER, int(KEEP))
-            command.launch()
-            command.set_param_at_index(KEPT_PARAMETER, int(KEEP) | int(IS_KEPT))
-            self._is_kept = True
-        else:
-            command.launch()
+            self._prepared = self.prepared_launch(frames), frames
+        self._prepared[0].launch(steps, int(KEEP) * self._keeps | int(IS_KEPT) * self._is_kept)
+        self._is_kept = self._keeps
 
     def _put_back(self) -> None:
         """Has the variant that stays in the scratch in the state, too, as at a launch's end."""
-        if self._is_kept and self._recorded is not None:
-            command, frames, _ = self._recorded
-            command.set_param_at_index(KEPT_PARAMETER, int(IS_KEPT))
-            command.set_param_at_index(STEPS_PARAMETER, 0)
-            command.launch()
-            self._recorded, self._is_kept = (command, frames, 0), False
+        if self._is_kept and self._prepared is not None:
+            self._prepared[0].launch(0, int(IS_KEPT))
+            self._is_kept = False
 
-    def recorded_launch(self, frames: wp.array, steps: int) -> tuple[Any, wp.array]:
-        """Launch of the kernel "advance" over all rows, not made yet, and its scratch."""
+    def prepared_launch(self, frames: wp.array) -> PreparedLaunch:
+        """Launch of the kernel "advance" over all rows, not made yet."""
         scratch = self._scratch.get()
         self._scratch.put(scratch)
-        inputs = [self.ensemble, self.state, self.cpu_sums, frames, scratch, 0, 0, steps]
+        inputs = [self.ensemble, self.state, self.cpu_sums, frames, scratch, 0, 0, 1]
         kernel = self._kernel("advance")
-        return wp.launch(kernel, self.variants, inputs=inputs, device="cpu", block_dim=1, record_cmd=True), scratch
+        command = wp.launch(kernel, self.variants, inputs=inputs, device="cpu", block_dim=1, record_cmd=True)
+        return PreparedLaunch(command, scratch)
 
     def start_settling(self, settling: NDArray[Any]) -> None:
         self._settling = wp.array(settling, dtype=relaxation.Settling, device="cpu")

@@ -54,13 +54,12 @@ def launch_image(engine: CpuEngine, frames: Any) -> Image:
     drives = engine.packed.drives
     drives["steps"] = drives["window_start"] = drives["window_end"] = MOST_STEPS
     engine.set_constants("drives", drives)
-    command, scratch = engine.recorded_launch(frames, 1)
-    bounds, *arguments = command.params
-    kind = type("Arguments", (ctypes.Structure,), {"_fields_": [(f"_{k}", type(of)) for k, of in enumerate(arguments)]})
+    launch = engine.prepared_launch(frames)
     image = Image()
-    image.append(bytes(bounds))
-    image.places["arguments"] = first = image.append(bytes(kind(*arguments)))
-    begins = [first + getattr(kind, f"_{k}").offset for k in range(len(arguments))]
+    image.append(bytes(launch.bounds))
+    image.places["arguments"] = first = image.append(bytes(launch.arguments))
+    kind = type(launch.arguments)
+    begins = [first + getattr(kind, name).offset for name, _ in kind._fields_]
     image.places["steps"] = begins[-1]
     structs = {"ensemble": engine.ensemble, **engine.changing_structs()}
     for begin, (group, struct) in zip(begins, structs.items(), strict=False):
@@ -73,7 +72,7 @@ def launch_image(engine: CpuEngine, frames: Any) -> Image:
     image.pointers += [(begins[3], image.places["frames"]), (begins[4], image.append(b""))]
     for at, _ in image.pointers:
         image.content[at : at + 8] = bytes(8)
-    image.scratch = scratch.capacity
+    image.scratch = launch.scratch.capacity
     return image
 
 

@@ -6,7 +6,7 @@ their own.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass, replace
@@ -23,6 +23,7 @@ from warpchain.engine.arrays import (
     Engine,
     assign_values,
     device_values,
+    dtype_of,
     empty_sums,
     empty_tallies,
     upload_ensemble,
@@ -44,6 +45,7 @@ from warpchain.errors import DeviceError, SimulationError
 from warpchain.kernels import relaxation
 from warpchain.kernels.gpu.block_structs import BITS
 from warpchain.kernels.gpu.statistics import tally_sum_kernel
+from warpchain.kernels.precision import as_float32
 from warpchain.progress import ProgressReport, StopRequest
 
 OLDEST_ARCHITECTURE = 70
@@ -64,8 +66,8 @@ KERNEL_LOCK = Lock()
 LAUNCH_STEPS = 131_072
 """Most steps of one GPU launch."""
 
-MOST_REPEATED = 16
-"""Most lengths of pieces whose launches are kept."""
+MOST_GRAPHS = 16
+"""Most lengths of pieces whose graphs are kept."""
 
 MOST_LINKS = 16 * ROLLER_CAPACITIES[-1]
 """Links of the longest chain that a GPU takes."""
@@ -151,47 +153,36 @@ class FrameBuffer:
     """Frame buffer of a GPU launch, on device and host."""
 
     def __init__(self, values: int, packed: PackedEnsemble, device: str) -> None:
-        self.late: wp.Stream | None = None  # on which frames are to be copied once they are asked for
         self.values, self._of = values, (device, packed.variants)
         self.device: wp.array = wp.empty(max(values, 1), dtype=packed.real, device=device)
         self.host: wp.array = wp.empty(max(values, 1), dtype=packed.real, device="cpu", pinned=True)
         self.copied: Any = None
+        self._frames: NDArray[np.floating] = self.host.numpy()
 
     def numpy(self) -> NDArray[np.floating]:
         """Frames of a GPU launch, once copied."""
-        if self.late is not None:
-            with explain_gpu_failures(*self._of):
-                wp.copy(self.host, self.device, count=self.values, stream=self.late)
-                wp.synchronize_stream(self.late)
-            self.late = None
-        elif self.copied is not None:
+        if self.copied is not None:
             with explain_gpu_failures(*self._of):
                 wp.synchronize_event(self.copied)
-        return self.host.numpy()
+            self.copied = None
+        return self._frames
 
 
 @dataclass(frozen=True)
-class RepeatedLaunch:
-    """Recorded GPU launch that takes variants so many steps from wherever they all are.
+class PieceGraph:
+    """CUDA graph that takes variants so many steps on from wherever they all are, inputs and outputs included.
 
     Attributes:
-        command: of Warp.
-        order: numbers of the variants on the device, which the command alone does not keep there.
-        stream: where it goes.
-        columns: end and start steps, on the device and pinned on the host, and what they are beyond the present step.
+        graph: of copies and launches.
+        arrays: that the graph reads and writes, kept alive.
+        ends: end steps and start steps of the launches, pinned on the host.
+        beyond: what they are beyond the present step.
     """
 
-    command: Any
-    order: wp.array
-    stream: wp.Stream
-    columns: tuple[tuple[wp.array, wp.array, NDArray[np.integer]], ...]
-
-    def repeat(self, step: int) -> None:
-        """Launches it from `step` on, once the launch before has ended."""
-        for device, host, beyond in self.columns:
-            np.add(beyond, step, out=host.numpy(), casting="unsafe")
-            wp.copy(device, host, stream=self.stream)
-        self.command.launch(stream=self.stream)
+    graph: wp.Graph
+    arrays: tuple[wp.array, ...]
+    ends: NDArray[np.integer]
+    beyond: NDArray[np.integer]
 
 
 class GpuEngine(GpuKernels, Engine):
@@ -219,7 +210,12 @@ class GpuEngine(GpuKernels, Engine):
         self._host_progress: Any = wp.empty(
             packed.variants, dtype=self.state.progress.dtype, device="cpu", pinned=wp.get_device(device).is_cuda
         )
-        self._repeated: dict[tuple[str, int, int], list[RepeatedLaunch]] = {}  # by kernel, steps and buffer of frames
+        self._graphs: dict[tuple[str, int, int], PieceGraph] = {}  # by kernel, steps and buffer of frames
+        self._input_tables: wp.array | None = None  # the last tables, pinned on the host
+        drives = packed.drives
+        begins = drives["window_start"] // STEP_UNIT * STEP_UNIT
+        self._steps = int(drives["steps"].min())
+        self._windows = (begins.min(), begins.max(), drives["window_end"].min(), drives["window_end"].max())
         self._settling: Any = None
         # rows in global memory, which launches share
         self._in_global_memory = [any(global_memory_values([bucket])) for bucket in self.buckets]
@@ -247,13 +243,11 @@ class GpuEngine(GpuKernels, Engine):
         order: wp.array,
         inputs: Sequence[Any],
         stream: wp.Stream,
-        record: bool = False,
-    ) -> Any:
-        """Launches a bucket's GPU kernel, or records the launch."""
+    ) -> None:
+        """Launches a bucket's GPU kernel."""
         made = self._bucket_kernel(name, bucket)
         dim, block = made.kind.launch_threads(len(order)), made.kind.block_threads
-        options = {"block_dim": block, "device": self.device, "stream": stream, "record_cmd": record}
-        return wp.launch(made.kernel, dim=dim, inputs=[*inputs], **options)
+        wp.launch(made.kernel, dim=dim, inputs=[*inputs], block_dim=block, device=self.device, stream=stream)
 
     def _launch_sequences(self, share: NDArray[np.integer]) -> list[tuple[bool, Bucket, list[Launch]]]:
         """Launches that take variants `share` (V,) steps, by bucket."""
@@ -278,20 +272,10 @@ class GpuEngine(GpuKernels, Engine):
                 if frames.copied is not None:
                     self.stream.wait_event(frames.copied)
                 lanes = self._launch_sequences(np.minimum(steps, steps_left(self.packed.drives, self._progress)))
-                columns = self._upload_launches([launch for _, _, launches in lanes for launch in launches])
-                begun = self.stream.record_event()
-                for stream in self._others:
-                    stream.wait_event(begun)
-                state = self.ensemble, self.state, self.gpu_sums, self.tallies, frames.device
-                for at, (beside, bucket, launches) in enumerate(lanes):
-                    stream = [self.stream, *self._others][at % STREAMS if beside else 0]
-                    for launch in launches:
-                        order, *ends = next(columns)
-                        self._launch(launch.kernel, bucket, order, [*state, order, *ends], stream)
-                for stream in self._others:
-                    self.stream.wait_event(stream.record_event())
+                _, columns = self._upload_launches(lanes)
+                self._copy_input_tables()
+                self._launch_beside(lanes, columns, frames)
                 done = self.stream.record_event()
-                frames.late = None
                 if frames.values:
                     self.copies.wait_event(done)
                     wp.copy(frames.host, frames.device, count=frames.values, stream=self.copies)
@@ -308,57 +292,79 @@ class GpuEngine(GpuKernels, Engine):
             return
         key = kernel, steps, id(frames)
         with self._explain_failures():
-            if key not in self._repeated:
-                if len(self._repeated) == MOST_REPEATED:
-                    self._repeated.clear()
+            if key not in self._graphs:
+                if len(self._graphs) == MOST_GRAPHS:
+                    self._graphs.clear()
                 self._load_kernels()
-                self._repeated[key] = self._record_launches(steps, frames)
-            launches, step = self._repeated[key], int(self._progress["step"][0])
-            for launch in launches:
-                launch.repeat(step)
-            for stream in {of.stream for of in launches} - {self.stream}:
-                self.stream.wait_event(stream.record_event())
-            if frames.values:
-                frames.late = self.stream
-            wp.copy(self._host_progress, self.state.progress, stream=self.stream)
+                self._graphs[key] = self._capture_piece(steps, frames)
+            piece = self._graphs[key]
+            if frames.copied is not None:
+                self.stream.wait_event(frames.copied)
+                frames.copied = None
+            np.add(piece.beyond, self._progress["step"][0], out=piece.ends, casting="unsafe")
+            wp.capture_launch(piece.graph, stream=self.stream)
             wp.synchronize_stream(self.stream)
         self._progress = self._host_progress.numpy().copy()
 
     def _repeated_kernel(self, steps: int) -> str | None:
         """Kernel that takes all variants so many steps on, where one does and all are at one step; or None."""
-        step, drives = self._progress["step"], self.packed.drives
-        first = int(step[0])
-        if self._progress["diverged"].any() or (step != first).any() or first + steps > int(drives["steps"].min()):
-            return None
-        begins = drives["window_start"] // STEP_UNIT * STEP_UNIT
-        if first + steps <= int(begins.min()) or first > int(drives["window_end"].max()):
-            return "advance"
-        return "measure" if int(begins.max()) <= first <= int(drives["window_end"].min()) else None
-
-    def _record_launches(self, steps: int, frames: FrameBuffer) -> list[RepeatedLaunch]:
-        """Launches that take all variants so many steps on, recorded."""
         step = self._progress["step"]
-        state = self.ensemble, self.state, self.gpu_sums, self.tallies, frames.device
-        found = []
-        for at, (beside, bucket, launches) in enumerate(self._launch_sequences(np.full(len(step), steps))):
+        first = int(step[0])
+        if first + steps > self._steps or (step != first).any() or self._progress["diverged"].any():
+            return None
+        first_begin, last_begin, first_end, last_end = self._windows
+        if first + steps <= first_begin or first > last_end:
+            return "advance"
+        return "measure" if last_begin <= first <= first_end else None
+
+    def _capture_piece(self, steps: int, frames: FrameBuffer) -> PieceGraph:
+        """Graph that takes all variants so many steps on: inputs up, launches, frames and progress back."""
+        step = self._progress["step"]
+        lanes = self._launch_sequences(np.full(len(step), steps))
+        device, columns = self._upload_launches(lanes)
+        host: wp.array = wp.array(device.numpy(), dtype=wp.int32, device="cpu", pinned=True)
+        ends = host.numpy()[len(host) // 3 :]
+        wp.capture_begin(stream=self.stream, force_module_load=False)
+        try:
+            wp.copy(device, host, stream=self.stream)
+            self._copy_input_tables()
+            self._launch_beside(lanes, columns, frames)
+            if frames.values:
+                wp.copy(frames.host, frames.device, count=frames.values, stream=self.stream)
+            wp.copy(self._host_progress, self.state.progress, stream=self.stream)
+        finally:
+            graph = wp.capture_end(stream=self.stream)
+        return PieceGraph(graph, (device, host), ends, ends.astype(np.int64) - int(step[0]))
+
+    def _launch_beside(
+        self,
+        lanes: Sequence[tuple[bool, Bucket, list[Launch]]],
+        columns: Iterable[list[wp.array]],
+        frames: FrameBuffer,
+    ) -> None:
+        """Makes launches on several streams, each with its arrays of variants and steps; the first waits for all."""
+        begun = self.stream.record_event()
+        for stream in self._others:
+            stream.wait_event(begun)
+        state, left = (self.ensemble, self.state, self.gpu_sums, self.tallies, frames.device), iter(columns)
+        for at, (beside, bucket, launches) in enumerate(lanes):
             stream = [self.stream, *self._others][at % STREAMS if beside else 0]
             for launch in launches:
-                ((order, *ends),) = self._upload_launches([launch])
-                hosts = [wp.empty(len(of), dtype=wp.int32, device="cpu", pinned=True) for of in launch[2:]]
-                beyond = [np.asarray(of, dtype=np.int64) - int(step[0]) for of in launch[2:]]
-                command = self._launch(launch.kernel, bucket, order, [*state, order, *ends], stream, record=True)
-                found.append(RepeatedLaunch(command, order, stream, tuple(zip(ends, hosts, beyond, strict=True))))
-        wp.synchronize_stream(self.stream)
-        return found
+                order, *ends = next(left)
+                self._launch(launch.kernel, bucket, order, [*state, order, *ends], stream)
+        for stream in self._others:
+            self.stream.wait_event(stream.record_event())
 
-    def _upload_launches(self, launches: Sequence[Launch]) -> Iterator[list[wp.array]]:
-        """Device arrays of each launch's variants and steps."""
-        columns: list[wp.array] = []
-        with wp.ScopedStream(self.stream):
-            for each in zip(*(launch[1:] for launch in launches), strict=True):
-                columns.append(wp.array(np.concatenate(each), dtype=wp.int32, device=self.device))
+    def _upload_launches(
+        self, lanes: Sequence[tuple[bool, Bucket, list[Launch]]]
+    ) -> tuple[wp.array, list[list[wp.array]]]:
+        """Device array of the launches' variants, end steps and start steps, and each launch's parts of it."""
+        launches = [launch for _, _, of in lanes for launch in of]
         cuts = np.cumsum([0, *(len(launch.variants) for launch in launches)]).tolist()
-        return iter([[column[a:b] for column in columns] for a, b in pairwise(cuts)])
+        values = [np.zeros(0, dtype=np.int32), *(launch[column] for column in (1, 2, 3) for launch in launches)]
+        with wp.ScopedStream(self.stream):
+            device: wp.array = wp.array(np.concatenate(values), dtype=wp.int32, device=self.device)
+        return device, [[device[k * cuts[-1] + a : k * cuts[-1] + b] for k in range(3)] for a, b in pairwise(cuts)]
 
     def start_settling(self, settling: NDArray[Any]) -> None:
         with self._explain_failures(), wp.ScopedStream(self.stream):
@@ -409,7 +415,23 @@ class GpuEngine(GpuKernels, Engine):
             wp.synchronize_stream(self.stream)
         self._progress = self.fetch_array("state", "progress")
 
+    def stage_tables(self, first: int) -> None:
+        with self._explain_failures():
+            self._input_tables = wp.array(
+                self.ensemble.tables.numpy()[first:], dtype=self.ensemble.tables.dtype, device="cpu", pinned=True
+            )
+
+    def _copy_input_tables(self) -> None:
+        """Copies the tables of inputs to the device, as they stand when the stream comes to it."""
+        if self._input_tables is not None:
+            tables, count = self.ensemble.tables, len(self._input_tables)
+            wp.copy(tables, self._input_tables, dest_offset=len(tables) - count, count=count, stream=self.stream)
+
     def set_constants(self, name: str, values: NDArray[Any]) -> None:
+        if name == "tables" and self._input_tables is not None:
+            changed = values[len(values) - len(self._input_tables) :]
+            self._input_tables.numpy()[:] = as_float32(changed, dtype_of(self._input_tables.dtype))
+            return
         with self._explain_failures():
             with wp.ScopedStream(self.stream):
                 assign_values(getattr(self.ensemble, name), values)

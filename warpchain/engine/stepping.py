@@ -216,6 +216,7 @@ class SteppedRun:
         columns = part.variants.schedules.columns
         self._clock = Clock(columns["step"], columns["steps"])
         self._values = lay_out_frames(rows, part.packed)
+        self._first_table = part.packed.tables.size
         self._inputs = make_ports(names[0], rows, part.packed)
         self._outputs = make_outputs(names[1], rows, part.packed)
         self._stored = np.zeros(len(rows.models))
@@ -242,6 +243,7 @@ class SteppedRun:
                 raise KeyboardInterrupt
         packed = self._part.packed.at_precision(settings.precision)
         self._engine = make_engine(settings.device, packed, settings.cores)
+        self._engine.stage_tables(self._first_table)
         self._frames = self._engine.frame_buffer(self._values)
         self._host_frames = (
             self._frames.numpy if settings.device != "cpu" else partial(np.asarray, self._frames.numpy())
