@@ -361,8 +361,8 @@ class Engine(ABC):
         """Copy (variants,) of the relaxation's states."""
 
     @abstractmethod
-    def frame_buffer(self, values: int) -> FrameSource:
-        """Buffer for a launch's frames."""
+    def frame_buffer(self, values: int, wanted: NDArray[np.integer] | None = None) -> FrameSource:
+        """Buffer for a launch's frames, of which only values at places `wanted` are read after `take_steps`."""
 
     @abstractmethod
     def changing_structs(self) -> dict[str, Any]:

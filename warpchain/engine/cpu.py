@@ -190,7 +190,7 @@ class CpuEngine(Engine):
         view: NDArray[Any] = self._progress["diverged"]
         return view
 
-    def frame_buffer(self, values: int) -> wp.array:
+    def frame_buffer(self, values: int, wanted: NDArray[np.integer] | None = None) -> wp.array:
         return wp.empty(max(values, 1), dtype=self.packed.real, device="cpu")
 
     def close(self) -> None:

@@ -45,6 +45,7 @@ from warpchain.errors import DeviceError, SimulationError
 from warpchain.kernels import relaxation
 from warpchain.kernels.gpu.block_structs import BITS
 from warpchain.kernels.gpu.statistics import tally_sum_kernel
+from warpchain.kernels.gpu.transfer import copy_words, copy_words_at
 from warpchain.kernels.precision import as_float32
 from warpchain.progress import ProgressReport, StopRequest
 
@@ -150,13 +151,24 @@ def compile_missing_kernels(
 
 
 class FrameBuffer:
-    """Frame buffer of a GPU launch, on device and host."""
+    """Frame buffer of a GPU launch, on device and host.
 
-    def __init__(self, values: int, packed: PackedEnsemble, device: str) -> None:
+    Attributes:
+        wanted: places of the four-byte words that are read after a piece, on the device; None: all.
+    """
+
+    def __init__(
+        self, values: int, packed: PackedEnsemble, device: str, wanted: NDArray[np.integer] | None = None
+    ) -> None:
         self.values, self._of = values, (device, packed.variants)
         self.device: wp.array = wp.empty(max(values, 1), dtype=packed.real, device=device)
         self.host: wp.array = wp.empty(max(values, 1), dtype=packed.real, device="cpu", pinned=True)
         self.copied: Any = None
+        self.wanted: wp.array | None = None
+        if wanted is not None:
+            words = self.host.strides[0] // 4
+            places = (words * wanted[:, None] + np.arange(words)).reshape(-1)
+            self.wanted = wp.array(places, dtype=wp.int32, device=device)
         self._frames: NDArray[np.floating] = self.host.numpy()
 
     def numpy(self) -> NDArray[np.floating]:
@@ -296,6 +308,7 @@ class GpuEngine(GpuKernels, Engine):
                 if len(self._graphs) == MOST_GRAPHS:
                     self._graphs.clear()
                 self._load_kernels()
+                wp.load_module(copy_words.module, device=self.device)
                 self._graphs[key] = self._capture_piece(steps, frames)
             piece = self._graphs[key]
             if frames.copied is not None:
@@ -326,15 +339,30 @@ class GpuEngine(GpuKernels, Engine):
         ends = host.numpy()[len(host) // 3 :]
         wp.capture_begin(stream=self.stream, force_module_load=False)
         try:
-            wp.copy(device, host, stream=self.stream)
-            self._copy_input_tables()
+            self._copy_by_kernel(host, device)
+            if self._input_tables is not None:
+                self._copy_by_kernel(self._input_tables, self.ensemble.tables[-len(self._input_tables) :])
             self._launch_beside(lanes, columns, frames)
-            if frames.values:
-                wp.copy(frames.host, frames.device, count=frames.values, stream=self.stream)
-            wp.copy(self._host_progress, self.state.progress, stream=self.stream)
+            if frames.wanted is None:
+                self._copy_by_kernel(frames.device, frames.host)
+            elif len(frames.wanted):
+                self._copy_by_kernel(frames.device, frames.host, frames.wanted)
+            self._copy_by_kernel(self.state.progress, self._host_progress)
         finally:
             graph = wp.capture_end(stream=self.stream)
         return PieceGraph(graph, (device, host), ends, ends.astype(np.int64) - int(step[0]))
+
+    def _copy_by_kernel(self, source: wp.array, target: wp.array, wanted: wp.array | None = None) -> None:
+        """Copies an array, or its words at `wanted` places, between the device and pinned memory of the host."""
+        count = len(source) * source.strides[0] // 4
+        words: list[wp.array] = [
+            wp.array(ptr=of.ptr, shape=count, dtype=wp.uint32, device=self.device) for of in (source, target)
+        ]
+        options: dict[str, Any] = {"device": self.device, "stream": self.stream}
+        if wanted is None:
+            wp.launch(copy_words, count, inputs=words, **options)
+        else:
+            wp.launch(copy_words_at, len(wanted), inputs=[wanted, *words], **options)
 
     def _launch_beside(
         self,
@@ -444,9 +472,9 @@ class GpuEngine(GpuKernels, Engine):
             wp.synchronize_stream(self.stream)
         self._progress = self.fetch_array("state", "progress")
 
-    def frame_buffer(self, values: int) -> FrameBuffer:
+    def frame_buffer(self, values: int, wanted: NDArray[np.integer] | None = None) -> FrameBuffer:
         with self._explain_failures():
-            return FrameBuffer(values, self.packed, self.device)
+            return FrameBuffer(values, self.packed, self.device, wanted)
 
     def close(self) -> None:
         self._pool.shutdown(wait=True, cancel_futures=True)

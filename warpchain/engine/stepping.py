@@ -244,7 +244,8 @@ class SteppedRun:
         packed = self._part.packed.at_precision(settings.precision)
         self._engine = make_engine(settings.device, packed, settings.cores)
         self._engine.stage_tables(self._first_table)
-        self._frames = self._engine.frame_buffer(self._values)
+        read = [np.zeros(0, dtype=np.int64), *(port.places.reshape(-1) for port in self._outputs.values())]
+        self._frames = self._engine.frame_buffer(self._values, np.unique(np.concatenate(read)))
         self._host_frames = (
             self._frames.numpy if settings.device != "cpu" else partial(np.asarray, self._frames.numpy())
         )
