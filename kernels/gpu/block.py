@@ -15,11 +15,9 @@ import warp as wp
 
 from ..modules import own_module, without_contraction
 from ..structs import Tallies
-from .block_kinds import WARP, BlockKind
+from .block_kinds import BlockKind
 from .block_structs import thread_parts
 from .chain_places import chain_place_functions
-from .contact_forces import contact_force_functions
-from .contacts import contact_functions
 from .joints import joint_functions
 from .launches import launch_functions
 from .links import link_functions
@@ -45,7 +43,6 @@ def block_kernel(kind: BlockKind, blocks: int, frame: Any) -> wp.Kernel:
     `frame` says (`kernels.frames`).
     """
     Real, slots = kind.Real, kind.shape.slots
-    roller_threads = kind.shape.threads - WARP  # where the last warp has none
     kinds = kind.types
     joints = joint_functions(kind)
     links = link_functions(kind)
@@ -57,18 +54,15 @@ def block_kernel(kind: BlockKind, blocks: int, frame: Any) -> wp.Kernel:
     rollers = roller_functions(kind)
     sync = sync_functions(kind)
     prescribed_motion = prescribed_motion_functions(kind)
-    contacts = contact_functions(kind)
     near_partners = near_partner_functions(kind)
     warp_steps = warp_step_functions(kind, frame)
-    contact_forces = contact_force_functions(kind)
     steps = step_functions(kind, frame)
     sampling = sampling_functions(kind, frame)
     shared_of = shared_arrays(kind)
     lengths_of = array_view(Real)  # of as many links as the block has room for, some of no roller
     pull = joints.find_link_forces if kind.friction.joints else links.find_link_forces
     # on several warps, which wait for each other, the next step's link forces are worked out while bodies move, and
-    # what rollers may touch unless that depends on where bodies are; between events both may go ways of their own
-    splitting = not kind.measuring and kind.hands_over and kind.finds_partners_early and not kind.has_stages
+    # what rollers may touch unless that depends on where bodies are
 
     module = own_module(__file__, "advance_block", kind, blocks, frame)
 
@@ -104,49 +98,38 @@ def block_kernel(kind: BlockKind, blocks: int, frame: Any) -> wp.Kernel:
         prescribed_motion.plan_steps(ensemble, shared, mine, now.step)
         if wp.static(not kind.shape.is_one_warp):
             tension, rate = pull(state, shared, mine, now, lengths)
-        contact = contacts.Contact()
-        contact.near = near_partners.remembered_partners(state, shared, mine)
+        near = near_partners.remembered_partners(state, shared, mine)
         if wp.static(kind.finds_partners_early) and i < mine.rollers:
-            contact = warp_steps.find_near_partners(ensemble, state, shared, mine, now, contact)
+            near = near_partners.update_near_partners(state, shared, mine, now, near)
         while now.step < end and now.diverged == 0:
             warp_steps.wait_for_other_variants(now)
-            if wp.static(splitting) and now.step != now.next_event:
-                now.wanted_moments = now.moved_sprockets
-                if i < roller_threads:
-                    contact_forces.add_contact_forces(ensemble, state, tallies, shared, mine, plain_step(now), contact)
+            if now.step == now.next_event and now.stage == 0:
+                now = sampling.handle_event(ensemble, state, out, shared, mine, now)
+            now = launches.with_wanted_sums(mine, now)
+            if wp.static(not kind.shape.is_one_warp):
+                if wp.static(not kind.finds_partners_early):
+                    near = near_partners.update_near_partners(state, shared, mine, now, near)
+                if wp.static(not kind.measuring) and now.flags == 0:
+                    steps.add_contact_forces(ensemble, state, out, shared, mine, plain_step(now), near)
+                    steps.find_load_ahead(ensemble, shared, mine, now)
                     steps.advance_rollers_after_contacts(state, shared, mine, plain_step(now))
                 else:
+                    sampling.sample_links(state, shared, mine, now, lengths, tension, rate)
+                    steps.add_contact_forces(ensemble, state, out, shared, mine, now, near)
                     steps.find_load_ahead(ensemble, shared, mine, now)
-                    sync.await_contacts()
-                    steps.advance_bodies(ensemble, state, out, shared, mine, plain_step(now))
+                    if wp.static(kind.friction.joints or kind.links == "varied") or now.flags != 0:
+                        sync.barrier()  # others may still be at rollers beside theirs
+                        steps.sample_rollers(ensemble, state, out, shared, mine, now)
+                    steps.advance_rollers_after_contacts(state, shared, mine, now)
+                steps.advance_bodies(ensemble, state, out, shared, mine, now)
+            elif wp.static(kind.has_common_path) and warp_steps.is_common_step(now):
+                now, near = warp_steps.take_steps_to_event(ensemble, state, out, shared, mine, now, near, end)
+                continue
             else:
-                if now.step == now.next_event and now.stage == 0:
-                    now = sampling.handle_event(ensemble, state, out, shared, mine, now)
-                now = launches.with_wanted_sums(mine, now)
-                if wp.static(not kind.shape.is_one_warp):
-                    if wp.static(not kind.finds_partners_early):
-                        contact = warp_steps.find_near_partners(ensemble, state, shared, mine, now, contact)
-                    if wp.static(not kind.measuring) and now.flags == 0:
-                        steps.add_contact_forces(ensemble, state, out, shared, mine, plain_step(now), contact)
-                        steps.find_load_ahead(ensemble, shared, mine, now)
-                        steps.advance_rollers_after_contacts(state, shared, mine, plain_step(now))
-                    else:
-                        sampling.sample_links(state, shared, mine, now, lengths, tension, rate)
-                        steps.add_contact_forces(ensemble, state, out, shared, mine, now, contact)
-                        steps.find_load_ahead(ensemble, shared, mine, now)
-                        if wp.static(kind.friction.joints or kind.links == "varied") or now.flags != 0:
-                            sync.barrier()  # others may still be at rollers beside theirs
-                            steps.sample_rollers(ensemble, state, out, shared, mine, now)
-                        steps.advance_rollers_after_contacts(state, shared, mine, now)
-                    steps.advance_bodies(ensemble, state, out, shared, mine, now)
-                elif wp.static(kind.has_common_path) and warp_steps.is_common_step(now):
-                    now, contact = warp_steps.take_steps_to_event(ensemble, state, out, shared, mine, now, contact, end)
-                    continue
-                else:
-                    contact = warp_steps.take_step(ensemble, state, out, shared, mine, now, contact)
+                near = warp_steps.take_step(ensemble, state, out, shared, mine, now, near)
             taken, now = now, launches.next_stage(now)
             if wp.static(kind.finds_partners_early) and i < mine.rollers:
-                contact = warp_steps.find_near_partners(ensemble, state, shared, mine, now, contact)
+                near = near_partners.update_near_partners(state, shared, mine, now, near)
             if wp.static(not kind.shape.is_one_warp) and now.step < end and now.diverged == 0:
                 tension, rate = pull(state, shared, mine, now, lengths)  # joints remember only steps that are taken
             sync.barrier()

@@ -75,7 +75,6 @@ class Parts:
     hubs: int = 0  # 1: arms carry sprockets, or bearings rub; 2: arms carry arms
     crowded_arms: int = 0  # 1: an arm carries a guide beside a sprocket or another guide
     hydraulic: int = 0  # 1: tensioners have oil
-    tabulated_supply: int = 0  # 1: of which the supply has a table
     valves: int = 0  # cams of valves that there is room for
     chains: int = 1
 
@@ -188,10 +187,5 @@ class BlockKind:
     @property
     def hands_over(self) -> bool:
         """Whether the last warp alone moves the bodies, and goes on once the contacts' moments are there."""
-        waiting = self.parts.is_tied or self.parts.hubs or self.parts.tabulated_supply or self.silent
+        waiting = self.parts.is_tied or self.parts.hubs or self.parts.hydraulic or self.silent
         return self.shape.body_warp and self.parts.bodies <= 4 and self.shape.room <= 192 and not waiting
-
-    @property
-    def recalls_seats_early(self) -> bool:
-        """Whether rollers recall the seat in their sprocket while bodies move."""
-        return self.finds_partners_early and self.hands_over

@@ -15,7 +15,6 @@ from .contacts import contact_functions
 from .guides import guide_functions
 from .partner_bits import partner_bit_functions
 from .strand_loads import strand_load_functions
-from .sync import lowest_bit
 from .teeth import tooth_functions
 from .toe_rows import toe_row_functions
 from .toes import toe_functions
@@ -53,7 +52,7 @@ def contact_force_functions(kind: BlockKind) -> ContactForceFunctions:
         shared: Shared,
         mine: ThreadParts,
         now: Now,
-        contact: contacts.Contact,
+        near: partner_bits.Bits,
     ):
         """Adds the contacts' forces to those of the thread's rollers, and those of taking goods on.
 
@@ -63,12 +62,12 @@ def contact_force_functions(kind: BlockKind) -> ContactForceFunctions:
             strand_loads.add_feed_forces(shared, mine)
         if wp.static(kind.silent):
             toe_rows.clear_forces(shared, mine)
-        by_teeth = partner_bits.of_sprockets(contact.near)
+        contact = contacts.Contact()
+        by_teeth = partner_bits.of_sprockets(near)
         while partner_bits.has_any(by_teeth):
             j, s = partner_bits.first_pair(by_teeth, mine.thread)
             by_teeth = partner_bits.without_first_pair(by_teeth)
-            if wp.static(not kind.recalls_seats_early):
-                contact = tooth_gaps.with_sprocket(ensemble, state, shared, mine, contact, j, s)
+            contact = tooth_gaps.with_sprocket(ensemble, state, shared, mine, contact, j, s)
             done = int(0)
             if wp.static(kind.silent):
                 if toe_rows.is_silent(shared, j):
@@ -79,14 +78,9 @@ def contact_force_functions(kind: BlockKind) -> ContactForceFunctions:
                     done = teeth.add_straight_flank_force(state, tallies, shared, mine, now, j, contact)
             if done == 0:
                 teeth.add_tooth_force(ensemble, state, tallies, shared, mine, now, j, contact)
-            if wp.static(kind.recalls_seats_early):
-                if partner_bits.has_any(by_teeth):
-                    contact = tooth_gaps.with_sprocket(
-                        ensemble, state, shared, mine, contact, j, lowest_bit(by_teeth[0])
-                    )
         if wp.static(kind.silent):
             toe_rows.join_forces(state, tallies, shared, mine, now)
         if wp.static(kind.parts.guides):
-            guides.add_guide_forces(ensemble, state, tallies, shared, mine, now, contact.near)
+            guides.add_guide_forces(ensemble, state, tallies, shared, mine, now, near)
 
     return ContactForceFunctions(add_contact_forces=add_contact_forces)

@@ -60,9 +60,8 @@ def contact_functions(kind: BlockKind) -> ContactFunctions:
 
     @wp.struct
     class Contact:
-        """The partners that a thread's rollers are near, and one's contact with the partner at hand."""
+        """A roller's contact with the partner at hand."""
 
-        near: partner_bits.Bits
         partner: wp.int32  # sprockets first, then guides
         seat: wp.int32  # in a sprocket, negative where it has none yet
         direction: Direction  # of the seat at angle zero

@@ -23,7 +23,6 @@ from .rollers import roller_functions
 from .shared_memory import array_view, shared_arrays
 from .sync import sync_functions
 from .tensioners import tensioner_functions
-from .tooth_gaps import tooth_gap_functions
 from .wrench_parts import wrench_part_functions
 
 
@@ -46,7 +45,6 @@ def block_relax_kernel(kind: BlockKind, blocks: int) -> wp.Kernel:
     sync = sync_functions(kind)
     near_partners = near_partner_functions(kind)
     links = link_functions(kind)
-    tooth_gaps = tooth_gap_functions(kind)
     contact_forces = contact_force_functions(kind)
     shared_of, lengths_of = shared_arrays(kind), array_view(Real)
     block_sums = block_sum_functions(kind)
@@ -169,8 +167,7 @@ def block_relax_kernel(kind: BlockKind, blocks: int) -> wp.Kernel:
         while now.steps < end and now.settled == 0:
             tension, rate = links.find_link_forces(state, shared, mine, Now(), lengths)
             near = near_partners.update_near_partners(state, shared, mine, still, near)
-            contact = tooth_gaps.contact_from_bits(ensemble, state, shared, mine, near)
-            contact_forces.add_contact_forces(ensemble, state, tallies, shared, mine, still, contact)
+            contact_forces.add_contact_forces(ensemble, state, tallies, shared, mine, still, near)
             sync.barrier()
             angular = wp.float64(0.0)
             if wp.static(kind.parts.arms):

@@ -14,12 +14,12 @@ from .bodies import body_functions
 from .body_sums import body_sum_functions
 from .carried_arms import carried_arm_functions
 from .contact_forces import contact_force_functions
-from .contacts import contact_functions
 from .events import ENDS, EXTRA
 from .frame_output import frame_output_functions
 from .hubs import hub_functions
 from .joints import joint_functions
 from .loads import load_functions
+from .partner_bits import partner_bit_functions
 from .prescribed_motion import prescribed_motion_functions
 from .rollers import roller_functions, roller_stage_function
 from .sampling import sampling_functions
@@ -63,7 +63,7 @@ def step_functions(kind: BlockKind, frame: Any) -> StepFunctions:
     sync = sync_functions(kind)
     carried_arms = carried_arm_functions(kind)
     hubs = hub_functions(kind)
-    contacts = contact_functions(kind)
+    partner_bits = partner_bit_functions(kind)
     contact_forces = contact_force_functions(kind)
     trains = train_functions(kind, frame)
     valves = valve_functions(kind, frame)
@@ -78,7 +78,7 @@ def step_functions(kind: BlockKind, frame: Any) -> StepFunctions:
         shared: Shared,
         mine: ThreadParts,
         now: Now,
-        contact: contacts.Contact,
+        near: partner_bits.Bits,
     ):
         """Adds the contacts' forces, and shares the lifts of valves.
 
@@ -86,7 +86,7 @@ def step_functions(kind: BlockKind, frame: Any) -> StepFunctions:
         """
         if wp.static(kind.parts.valves):
             valves.share_lifts(ensemble, shared, mine)
-        contact_forces.add_contact_forces(ensemble, state, out.tallies, shared, mine, now, contact)
+        contact_forces.add_contact_forces(ensemble, state, out.tallies, shared, mine, now, near)
 
     @wp.func
     def advance_rollers(state: State, shared: Shared, mine: ThreadParts, now: Now):
@@ -170,7 +170,7 @@ def step_functions(kind: BlockKind, frame: Any) -> StepFunctions:
         All threads together work out what the chain does to it, while, on several warps, others move their rollers.
         """
         tensioners.await_oil(shared)
-        if wp.static(kind.parts.tabulated_supply):
+        if wp.static(kind.parts.hydraulic):
             if mine.body >= 0 and now.stage == 0:
                 tensioners.find_supplies(ensemble, state, shared, mine, prescribed_motion.step_time(mine, now))
             sync.barrier()

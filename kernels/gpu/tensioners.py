@@ -137,7 +137,7 @@ def tensioner_functions(kind: BlockKind) -> TensionerFunctions:
     ):
         """Takes the oil of tensioner t of all a step of `h` [s] on, after a stroke to `x` [m] at `rate` [m/s]."""
         tensioner = tensioner_at(ensemble, t)
-        if wp.static(kind.parts.tabulated_supply):
+        if wp.static(kind.parts.hydraulic):
             if tensioner.supply_table.cells > 0:
                 tensioner.supply = state.tensioners[t].supply
         after, flows = advance_tensioner(x, rate, h, metered, state.tensioners[t], tensioner)

@@ -22,7 +22,6 @@ from .chains import chain_functions
 from .contacts import contact_functions
 from .partner_bits import partner_bit_functions
 from .rollers import roller_functions
-from .sync import lowest_bit
 
 
 @dataclass(frozen=True)
@@ -30,7 +29,6 @@ class ToothGapFunctions:
     """Rollers of one variant in the tooth gaps of its sprockets."""
 
     with_sprocket: wp.Function
-    contact_from_bits: wp.Function
     contact_in_gap: wp.Function
     contact_in_straight_gap: wp.Function
 
@@ -61,19 +59,6 @@ def tooth_gap_functions(kind: BlockKind) -> ToothGapFunctions:
         contact.seat = whole_access.load(state.seat, at)
         contact = contacts.with_memory(state, contact, at)
         contact.direction = seat_direction(ensemble, shared.teeth[s].first_seat + wp.max(contact.seat, 0))
-        return contact
-
-    @wp.func
-    def contact_from_bits(ensemble: Ensemble, state: State, shared: Shared, mine: ThreadParts, near: partner_bits.Bits):
-        """A contact with the partners that the thread's rollers may touch, and with its first sprocket where seats are
-        recalled early.
-        """
-        contact = contacts.Contact()
-        contact.near = near
-        if wp.static(kind.recalls_seats_early):  # without a branch, so that nothing waits for it
-            by_teeth = partner_bits.of_sprockets(near)[0]
-            s = lowest_bit(wp.where(by_teeth != 0, by_teeth, 1))
-            contact = with_sprocket(ensemble, state, shared, mine, contact, mine.thread, s)
         return contact
 
     @wp.func
@@ -124,7 +109,6 @@ def tooth_gap_functions(kind: BlockKind) -> ToothGapFunctions:
 
     return ToothGapFunctions(
         with_sprocket=with_sprocket,
-        contact_from_bits=contact_from_bits,
         contact_in_gap=contact_in_gap,
         contact_in_straight_gap=contact_in_straight_gap,
     )

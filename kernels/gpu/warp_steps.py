@@ -8,17 +8,16 @@ import warp as wp
 
 from .block_kinds import BlockKind, inlined
 from .block_structs import ThreadParts
-from .contacts import contact_functions
 from .events import EXTRA
 from .joints import joint_functions
 from .links import link_functions
 from .near_partners import near_partner_functions
+from .partner_bits import partner_bit_functions
 from .rollers import roller_functions
 from .sampling import sampling_functions
 from .shared_memory import array_view
 from .steps import step_functions
 from .sync import sync_functions
-from .tooth_gaps import tooth_gap_functions
 
 MEETING_INTERVAL = wp.constant(16)
 """Steps after which variants of a block wait for each other."""
@@ -36,7 +35,6 @@ def plain_step(now: Any):
 class WarpStepFunctions:
     """Whole steps of a variant on one warp."""
 
-    find_near_partners: wp.Function
     is_common_step: wp.Function
     take_step: wp.Function
     wait_for_other_variants: wp.Function
@@ -51,23 +49,13 @@ def warp_step_functions(kind: BlockKind, frame: Any) -> WarpStepFunctions:
     Ensemble, State, Shared = kinds.Ensemble, kinds.State, kinds.Shared
     joints = joint_functions(kind)
     links = link_functions(kind)
-    contacts = contact_functions(kind)
-    near_partners = near_partner_functions(kind)
-    tooth_gaps = tooth_gap_functions(kind)
+    near_partners, partner_bits = near_partner_functions(kind), partner_bit_functions(kind)
     rollers = roller_functions(kind)
     sampling = sampling_functions(kind, frame)
     sync = sync_functions(kind)
     steps = step_functions(kind, frame)
     lengths_of = array_view(Real)
     pull = joints.find_link_forces if kind.friction.joints else links.find_link_forces
-
-    @wp.func
-    def find_near_partners(
-        ensemble: Ensemble, state: State, shared: Shared, mine: ThreadParts, now: Now, contact: contacts.Contact
-    ):
-        """The partners that the thread's rollers may touch, from those of the step before in `contact`."""
-        near = near_partners.update_near_partners(state, shared, mine, now, contact.near)
-        return tooth_gaps.contact_from_bits(ensemble, state, shared, mine, near)
 
     @wp.func
     def is_common_step(now: Now):
@@ -94,21 +82,21 @@ def warp_step_functions(kind: BlockKind, frame: Any) -> WarpStepFunctions:
         shared: Shared,
         mine: ThreadParts,
         now: Now,
-        contact: contacts.Contact,
+        near: partner_bits.Bits,
     ):
-        """A whole step or stage of a variant on one warp, with `contact` as from `find_near_partners`."""
+        """A step or stage of a variant on one warp; takes the partners that were near, and returns those that are."""
         lengths = lengths_of(ensemble.lengths, mine.first_roller, wp.static(kind.shape.slots))
         # first, so that both read places of rollers once, and nothing branches while they wait for them
-        contact = find_near_partners(ensemble, state, shared, mine, now, contact)
+        near = near_partners.update_near_partners(state, shared, mine, now, near)
         tension, rate = pull(state, shared, mine, now, lengths)
         # before anything else, so that tensions and rates do not stay in registers any longer
         sampling.sample_links(state, shared, mine, now, lengths, tension, rate)
-        steps.add_contact_forces(ensemble, state, out, shared, mine, now, contact)
+        steps.add_contact_forces(ensemble, state, out, shared, mine, now, near)
         sync.barrier()
         steps.sample_rollers(ensemble, state, out, shared, mine, now)
         steps.advance_bodies(ensemble, state, out, shared, mine, now)
         steps.advance_oil(ensemble, state, shared, mine, now)
-        return contact
+        return near
 
     @wp.func
     def wait_for_other_variants(now: Now):
@@ -124,23 +112,22 @@ def warp_step_functions(kind: BlockKind, frame: Any) -> WarpStepFunctions:
         shared: Shared,
         mine: ThreadParts,
         now: Now,
-        contact: contacts.Contact,
+        near: partner_bits.Bits,
         end: int,
     ):
         """Common steps of a variant on one warp from `now` on, to an event, or to `end`."""
         now = common_step(mine, now)
         end = wp.min(end, now.next_event)
         while True:
-            contact = take_step(ensemble, state, out, shared, mine, now, contact)
+            near = take_step(ensemble, state, out, shared, mine, now, near)
             now.step = now.step + 1
             sync.barrier()
             if now.step >= end:
                 break
             wait_for_other_variants(now)
-        return now, contact
+        return now, near
 
     return WarpStepFunctions(
-        find_near_partners=find_near_partners,
         is_common_step=is_common_step,
         take_step=take_step,
         wait_for_other_variants=wait_for_other_variants,

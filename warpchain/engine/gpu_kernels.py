@@ -160,7 +160,6 @@ def kernel_kind(name: str, bucket: Bucket) -> BlockKind:
             geared=0,
             crowded_arms=0,
             hydraulic=0,
-            tabulated_supply=0,
             valves=0,
             chains=1,
         )
@@ -212,7 +211,6 @@ def chain_kind_columns(packed: PackedEnsemble) -> dict[str, NDArray[Any]]:
         "hubs": drives["hubs"] + drives["jointed"],
         "crowded_arms": packed.has_crowded_arms,
         "hydraulic": packed.has_oil,
-        "tabulated_supply": packed.has_supply_table,
         "valves": CAM_STEP * -(-packed.cam_counts // CAM_STEP),
         "chains": np.ones_like(drives["chains"]),
         "integrator": drives["integrator"],

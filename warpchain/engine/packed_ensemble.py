@@ -213,11 +213,6 @@ class PackedEnsemble(_PackedArrays):
         return self._sums_by_variant("tensioners", self.tensioners["hydraulic"]) > 0
 
     @property
-    def has_supply_table(self) -> NDArray[np.bool_]:
-        """(variants,) whether an oil supply is tabulated."""
-        return self._sums_by_variant("tensioners", self.tensioners["supply_table"]["cells"]) > 0
-
-    @property
     def cam_counts(self) -> NDArray[np.int64]:
         """Number (variants,) of valves' cams."""
         return self._sums_by_variant("valves", self.valves["phases"])
