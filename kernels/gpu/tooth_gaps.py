@@ -1,4 +1,4 @@
-"""Where a block's rollers are in the tooth gaps of sprockets, and the seats that they keep."""
+"""A block's rollers in the tooth gaps of sprockets, and the seats that they keep."""
 
 from dataclasses import dataclass
 from functools import cache
@@ -27,7 +27,7 @@ from .sync import lowest_bit
 
 @dataclass(frozen=True)
 class ToothGapFunctions:
-    """Rollers of one variant in the tooth gaps of its sprockets."""
+    """Tooth gap functions of a block."""
 
     with_sprocket: wp.Function
     contact_from_bits: wp.Function
@@ -37,7 +37,7 @@ class ToothGapFunctions:
 
 @cache
 def tooth_gap_functions(kind: BlockKind) -> ToothGapFunctions:
-    """The functions that find the rollers of one variant on a block in the tooth gaps of its sprockets."""
+    """Tooth gap functions for a block kind."""
     contacts = contact_functions(kind)
     chains = chain_functions(kind)
     whole_access = row_access(wp.int32)
@@ -55,7 +55,7 @@ def tooth_gap_functions(kind: BlockKind) -> ToothGapFunctions:
     def with_sprocket(
         ensemble: Ensemble, state: State, shared: Shared, mine: ThreadParts, contact: contacts.Contact, j: int, s: int
     ):
-        """`contact` with what roller j remembers of sprocket s."""
+        """Contact with what roller j remembers of sprocket s."""
         at = chains.contact_memory(shared, mine, j, s)
         contact.partner = s
         contact.seat = whole_access.load(state.seat, at)
@@ -65,9 +65,7 @@ def tooth_gap_functions(kind: BlockKind) -> ToothGapFunctions:
 
     @wp.func
     def contact_from_bits(ensemble: Ensemble, state: State, shared: Shared, mine: ThreadParts, near: partner_bits.Bits):
-        """A contact with the partners that the thread's rollers may touch, and with its first sprocket where seats are
-        recalled early.
-        """
+        """Contact with the partners near the thread's rollers, and a first sprocket where seats are recalled early."""
         contact = contacts.Contact()
         contact.near = near
         if wp.static(kind.recalls_seats_early):  # without a branch, so that nothing waits for it
@@ -78,7 +76,7 @@ def tooth_gap_functions(kind: BlockKind) -> ToothGapFunctions:
 
     @wp.func
     def velocity_from_center(shared: Shared, j: int, s: int):
-        """Velocity of roller j relative to the center of sprocket s [m/s]."""
+        """Velocity [m/s] of roller j relative to the center of sprocket s."""
         v = rollers.velocity(shared.rows, j)
         if wp.static(kind.moving):
             v = v - leading_value(shared.poses[s].velocity)
@@ -86,7 +84,7 @@ def tooth_gap_functions(kind: BlockKind) -> ToothGapFunctions:
 
     @wp.func
     def contact_in_gap(ensemble: Ensemble, state: State, shared: Shared, at: int, j: int, contact: contacts.Contact):
-        """`contact` of roller j with where it is in the sprocket's teeth, and its arm [m]; its seat is kept at `at`."""
+        """Contact of roller j with its kinematics in the tooth gap, and its arm [m]; the seat is kept at `at`."""
         s = contact.partner
         teeth = shared.teeth[s]
         body = shared.poses[s]
@@ -106,7 +104,7 @@ def tooth_gap_functions(kind: BlockKind) -> ToothGapFunctions:
 
     @wp.func
     def contact_in_straight_gap(shared: Shared, teeth: kinds.Sprocket, j: int, contact: contacts.Contact):
-        """`contact` of roller j and its arm [m], and whether `straight_flank_gap` applies to it (1, else 0)."""
+        """Contact of roller j in a straight-flanked gap, its arm [m], and 1 where `straight_flank_gap` applies."""
         body = shared.poses[contact.partner]
         p = difference(rollers.exact_position(shared.rows, j), body.center)
         e, radial, xi, lateral = gap_coordinates(p, contact.direction, body, teeth)
