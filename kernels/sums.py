@@ -10,7 +10,7 @@ from .number import gathered_sum, rounded_value, sub, sum_with  # noqa: F401
 from .structs import ChainSums, ContactSums, Drive, RollerTally, Strand, StrandSums, Totals
 
 MERGE_EVERY = wp.constant(32)
-"""Steps after which links' and sprockets' sums are merged into the window's."""
+"""Number of steps after which links' and sprockets' sums are merged into the window's."""
 
 
 @wp.func
@@ -42,7 +42,7 @@ def add_tension(sums: Any, tension: Any):
 
 @wp.func
 def merge_tension(sums: Any, other: Any):
-    """Sums of tension with another struct's added."""
+    """Sums of tension with others added."""
     sums.tension = sums.tension + other.tension
     sums.tension_square = sums.tension_square + other.tension_square
     return sums
@@ -81,7 +81,7 @@ def merge_roller(sums: ChainSums, tally: RollerTally):
 def add_contact(sums: ContactSums, totals: Totals, weight: wp.float64, stored: wp.float64):
     """Sums of a partner's contacts with one step's forces and dissipation added.
 
-    `weight` is the step's [s], `stored` elastic energy [J] at the window's end, negative at its start, else 0.
+    `weight` is the step's [s], `stored` elastic energy [J] at the window's ends, negative at its start.
     """
     sums.dissipated = sums.dissipated + weight * totals.dissipated - stored
     sums.friction = sums.friction + weight * totals.friction
@@ -92,7 +92,7 @@ def add_contact(sums: ContactSums, totals: Totals, weight: wp.float64, stored: w
 
 @wp.func
 def add_touches(sums: wp.array[ContactSums], at: int, impacts: int, contacts: int, missed: int):
-    """Adds to contact sums at `at` impacts, first contacts and missed faces."""
+    """Adds impacts, first contacts and missed faces to contact sums at `at`."""
     if impacts != 0:
         sums[at].impacts = sums[at].impacts + impacts
     if contacts != 0:
@@ -336,7 +336,7 @@ def mid_strand_displacement(ax: wp.float64, ay: wp.float64, bx: wp.float64, by: 
 
 @cache
 def strand_follower(Real: type) -> wp.Function:
-    """Warp function that tracks a strand's links, at type `Real`."""
+    """Warp function that updates a strand's links, at type `Real`."""
 
     @wp.func
     def roller_coordinate(rollers: wp.array[Real], x: int, y: int, i: int, strand: Strand):
@@ -383,7 +383,7 @@ def strand_follower(Real: type) -> wp.Function:
 
     @wp.func
     def follow_strand(rollers: wp.array[Real], x: int, y: int, n: int, strand: Strand, anew: bool):
-        """A strand with its middle and links updated, or searched `anew`; ends of an open chain bound it.
+        """A strand with its middle and links updated, or searched `anew`.
 
         Roller i's coordinates are `rollers[x + i]` and `rollers[y + i]`.
         """
