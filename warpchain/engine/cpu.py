@@ -19,7 +19,7 @@ from warpchain.kernels.cpu.relax import relax_kernel
 CAPACITIES = (264, 1048, 4120, 16408, 65560)
 """Row lengths of the CPU's scratch, each with a kernel."""
 KEPT_PARAMETER, STEPS_PARAMETER = 6, 7
-"""Places of the bits on the scratch, and of the number of steps, among the parameters of the kernel "advance"."""
+"""Places of the scratch's bits and the number of steps among the CPU kernel's parameters."""
 
 SPARE_VALUES = 32
 """Spare values of a CPU scratch row, for whole lanes."""
@@ -67,12 +67,12 @@ class CpuEngine(Engine):
     def _launch(
         self, name: str, before: list[Any], after: list[Any], begin: int = 0, end: int | None = None
     ) -> list[Future[None]]:
-        """Launches a CPU kernel over variants from `begin` to `end`, by default all, on the pool."""
+        """Launches a CPU kernel over variants `begin` to before `end`, by default all, on the pool."""
         kernel, end = self._kernel(name), self.variants if end is None else end
         group = max(1, -(-(end - begin) // (8 * self.workers)))
 
         def work(first: int) -> None:
-            """Launches the kernel over a group of variants from `first` on."""
+            """Launches the CPU kernel over a group of variants from `first` on."""
             scratch = self._scratch.get()
             try:
                 count = min(group, end - first)
@@ -98,16 +98,13 @@ class CpuEngine(Engine):
             self._step_rows(first, end, int(steps[first]), frames)
 
     def _step_rows(self, first: int, end: int, steps: int, frames: wp.array) -> None:
-        """Takes rows from `first` to `end` so many steps on, over the pool."""
+        """Takes rows `first` to before `end` by `steps` steps, on the CPU's pool."""
         before = [self.ensemble, self.state, self.cpu_sums, frames]
         for future in self._launch("advance", before, [0, steps], first, end):
             future.result()
 
     def _step_here(self, steps: int, frames: wp.array) -> None:
-        """Takes all rows so many steps on in this thread, by a launch recorded before.
-
-        One variant alone stays in the scratch, until something else is to read its state.
-        """
+        """Takes all rows by `steps` steps in this thread; one variant alone stays in the scratch until `_put_back`."""
         if self._recorded is None or self._recorded[1] is not frames:
             self._put_back()
             self._recorded = self.recorded_launch(frames, steps)[0], frames, steps
@@ -124,7 +121,7 @@ class CpuEngine(Engine):
             command.launch()
 
     def _put_back(self) -> None:
-        """Has the variant that stays in the scratch in the state, too, as at a launch's end."""
+        """Copies the variant that stays in the CPU's scratch into the state."""
         if self._is_kept and self._recorded is not None:
             command, frames, _ = self._recorded
             command.set_param_at_index(KEPT_PARAMETER, int(IS_KEPT))
@@ -133,7 +130,7 @@ class CpuEngine(Engine):
             self._recorded, self._is_kept = (command, frames, 0), False
 
     def recorded_launch(self, frames: wp.array, steps: int) -> tuple[Any, wp.array]:
-        """Launch of the kernel "advance" over all rows, not made yet, and its scratch."""
+        """Recorded launch of the CPU kernel "advance" over all rows, and its scratch."""
         scratch = self._scratch.get()
         self._scratch.put(scratch)
         inputs = [self.ensemble, self.state, self.cpu_sums, frames, scratch, 0, 0, steps]
@@ -187,14 +184,14 @@ class CpuEngine(Engine):
 
 
 def _contact_rows(packed: PackedEnsemble) -> int:
-    """Most scratch rows of a chain's contacts: their dampers', of a silent chain also v0 and forces."""
+    """Most CPU scratch rows of a chain's contacts: dampers, of a silent chain also v0 and forces."""
     drives = packed.drives
     points = np.where(drives["points"] > 1, 3 * drives["points"], 1)
     return int((drives["sprockets"] * points + drives["guides"]).max())
 
 
 def _row_capacity(packed: PackedEnsemble) -> int:
-    """Shortest CPU scratch row for the longest chain."""
+    """Length of the shortest CPU scratch row for the longest chain."""
     from warpchain.errors import SimulationError
 
     longest = int(packed.drives["rollers"].max())
