@@ -126,7 +126,7 @@ def advance_kernel(Real: type, capacity: int, frame: Any, several: bool, silent:
         kept: int,
         count: int,
     ):
-        """Advances the chains of a variant, from row `variant` on, by up to `count` steps; `kept` are bits."""
+        """Advances the chains of a variant on the CPU, from row `variant` on, by up to `count` steps."""
         chains, w = wp.static(1), scratch[0]
         if wp.static(several):
             drive, chain = drive_at(ensemble, variant), chain_at(ensemble, variant)

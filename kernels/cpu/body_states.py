@@ -34,7 +34,10 @@ def body_state_functions(Real: type) -> BodyStateFunctions:
 
     @wp.func
     def body_now(ensemble: Ensemble, state: State, b: int, time: wp.float64, lag: wp.float64):
-        """State of body `b` of all with rates at `time` [s], `lag` after their instant, from found accelerations."""
+        """State of body `b` of all on the CPU with rates at `time` [s], `lag` after their instant.
+
+        Accelerations must be found.
+        """
         motion = ensemble.motions[b]
         driven = wp.float64(0.0)
         if motion.prescribed == 1:
@@ -44,7 +47,7 @@ def body_state_functions(Real: type) -> BodyStateFunctions:
 
     @wp.func
     def angular_acceleration_now(ensemble: Ensemble, state: State, b: int, time: wp.float64):
-        """Angular acceleration [rad/s^2] of body `b` of all at `time` [s], from found accelerations."""
+        """Angular acceleration [rad/s^2] of body `b` of all at `time` [s], once accelerations are found."""
         angular = state.rates[b][2]
         if ensemble.motions[b].prescribed == 1:
             angular = prescribed_acceleration(time, ensemble.motions[b], ensemble)

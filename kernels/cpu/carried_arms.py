@@ -16,7 +16,7 @@ from .body_states import body_state_functions
 
 @wp.func
 def carrier_body(drive: Drive, on: int):
-    """Body, among all, that is arm `on` of the drive, counted from 1; -1 for 0."""
+    """Body on the CPU, among all, that is arm `on` of the drive, counted from 1; -1 for 0."""
     return wp.where(on > 0, drive.first_body + drive.bodies - drive.arms + on - 1, -1)
 
 
@@ -46,7 +46,7 @@ def carried_arm_functions(Real: type) -> CarriedArmFunctions:
     def wrench_with_pivot_forces(
         ensemble: Ensemble, state: State, drive: Drive, a: int, wrench: Wrench, rates: wp.vec3d, now: Now
     ):
-        """Wrench on arm `a` of a drive with carried arms' pivot forces, and its accelerations (`physics.hub`)."""
+        """Wrench on arm `a` of a drive on the CPU with carried arms' pivot forces, and its accelerations."""
         for k in range(drive.arms):
             arm = ensemble.arms[drive.first_arm + k]
             if arm.on == a + 1:

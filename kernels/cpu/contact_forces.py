@@ -34,7 +34,7 @@ class ContactForceFunctions:
 
 @cache
 def contact_force_functions(Real: type, capacity: int) -> ContactForceFunctions:
-    """CPU contact force functions, for rows of `capacity` values."""
+    """CPU contact force functions for rows of `capacity`."""
     kinds = types(Real)
     Memory = kinds.Memory
     vec2 = kinds.vec2
@@ -45,13 +45,13 @@ def contact_force_functions(Real: type, capacity: int) -> ContactForceFunctions:
 
     @wp.func
     def value_if_touching(w: wp.array[Real], i: int, value: Real):
-        """`value` where roller `i` touches by its row, else 0, also beyond the chain's end."""
+        """`value` where roller `i` touches by its row, else 0."""
         # beyond the chain's end values may be no numbers
         return wp.where(access.load(w, row.penetration + i) > Real(0.0), value, Real(0.0))
 
     @wp.func
     def approach_acceleration(w: wp.array[Real], i: int, memory: Memory):
-        """Acceleration [m/s^2] of the relative velocity of row i's contact, by the forces so far."""
+        """Acceleration [m/s^2] of the relative velocity of roller i's contact, by the forces in CPU rows so far."""
         arm = vec2(access.load(w, row.arm_x + i), access.load(w, row.arm_y + i))
         return relative_acceleration(
             memory.straight, memory.angular, arm, rollers.acceleration(w, i, memory.inverse_mass, memory.gravity)
@@ -59,7 +59,7 @@ def contact_force_functions(Real: type, capacity: int) -> ContactForceFunctions:
 
     @wp.func
     def normal_approach(w: wp.array[Real], i: int, memory: Memory):
-        """Speed [m/s] at which roller i's penetration grows, and its acceleration [m/s^2]."""
+        """Speed [m/s] at which roller i's penetration grows, by rows, and its acceleration [m/s^2]."""
         normal_x = access.load(w, row.normal_x + i)
         normal_y = access.load(w, row.normal_y + i)
         more = approach_acceleration(w, i, memory)
@@ -68,7 +68,7 @@ def contact_force_functions(Real: type, capacity: int) -> ContactForceFunctions:
 
     @wp.func
     def own_law(w: wp.array[Real], i: int, law: kinds.ContactLaw):
-        """Contact law of roller i, by its mass."""
+        """Contact law of roller i, by its mass in rows."""
         return law_at_roller(law, access.load(w, row.relative_mass + i), access.load(w, row.mobility + i))
 
     @wp.func
@@ -84,7 +84,7 @@ def contact_force_functions(Real: type, capacity: int) -> ContactForceFunctions:
 
     @wp.func
     def find_steady_force(w: wp.array[Real], i: int, law: kinds.ContactLaw, memory: Memory):
-        """Stores roller i's normal force for a contact that does not change within the step.
+        """Stores in rows roller i's normal force for a contact that does not change within the step.
 
         Returns 1 if the contact's memory changes, plus 2 if it opens, closes or begins.
         """
@@ -98,7 +98,7 @@ def contact_force_functions(Real: type, capacity: int) -> ContactForceFunctions:
 
     @wp.func
     def mend_changing_forces(w: wp.array[Real], group: Group, law: kinds.ContactLaw, memory: Memory):
-        """Stores normal forces of contacts that open, close or begin within the step; returns 1."""
+        """Stores in rows normal forces of contacts that open, close or begin within the step; returns 1."""
         i = group.low
         while i < group.high:
             penetration, before = access.load(w, row.penetration + i), access.load(w, row.v0_before + i)
@@ -154,7 +154,7 @@ def contact_force_functions(Real: type, capacity: int) -> ContactForceFunctions:
 
     @wp.func
     def find_powers(w: wp.array[Real], i: int, law: kinds.ContactLaw, rubs: bool, memory: Memory):
-        """Stores the powers of roller i's contact, with friction's where it `rubs`, at mean speeds."""
+        """Stores the powers of roller i's contact in rows, with friction's where it `rubs`."""
         more = approach_acceleration(w, i, memory)
         speed_x = access.load(w, row.relative_x + i) + memory.lag * more[0]
         speed_y = access.load(w, row.relative_y + i) + memory.lag * more[1]

@@ -23,7 +23,7 @@ class ContactFrictionFunctions:
 
 @cache
 def contact_friction_functions(Real: type, capacity: int) -> ContactFrictionFunctions:
-    """CPU contact friction functions, for rows of `capacity` values."""
+    """CPU contact friction functions for rows of `capacity`."""
     kinds = types(Real)
     Memory = kinds.Memory
     row = rows(capacity)
@@ -32,13 +32,13 @@ def contact_friction_functions(Real: type, capacity: int) -> ContactFrictionFunc
 
     @wp.func
     def roller_sliding_speed(w: wp.array[Real], i: int):
-        """Sliding speed [m/s] of roller i's contact."""
+        """Sliding speed [m/s] of roller i's contact, by rows."""
         x, y = access.load(w, row.relative_x + i), access.load(w, row.relative_y + i)
         return sliding_speed(x, y, access.load(w, row.normal_x + i), access.load(w, row.normal_y + i))
 
     @wp.func
     def store_friction(w: wp.array[Real], i: int, drag: Real, holds: Real):
-        """Stores friction `drag` of roller i's contact and its bristle's force, and adds it to the contact force."""
+        """Stores in rows friction `drag` and bristle of roller i's contact, and adds it to the contact force."""
         # numbers, not vectors, which would keep loops from vectorizing
         x = contact_forces.value_if_touching(w, i, drag * -access.load(w, row.normal_y + i))
         y = contact_forces.value_if_touching(w, i, drag * access.load(w, row.normal_x + i))

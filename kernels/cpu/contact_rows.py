@@ -33,7 +33,7 @@ class ContactRowFunctions:
 
 @cache
 def contact_row_functions(Real: type, capacity: int) -> ContactRowFunctions:
-    """CPU contact row functions, for rows of `capacity` values."""
+    """CPU contact row functions for rows of `capacity`."""
     kinds = types(Real)
     Memory, State = kinds.Memory, kinds.State
     access = row_access(Real)
@@ -108,7 +108,7 @@ def contact_row_functions(Real: type, capacity: int) -> ContactRowFunctions:
 
     @wp.func
     def is_beginning(w: wp.array[Real], i: int):
-        """1 where roller i's contact begins, else 0."""
+        """1 where roller i's contact begins by its rows, else 0."""
         return wp.where(
             access.load(w, row.penetration + i) > Real(0.0) and access.load(w, row.v0_before + i) <= Real(0.0), 1, 0
         )

@@ -25,7 +25,7 @@ class ContactSumFunctions:
 
 @cache
 def contact_sum_functions(Real: type, capacity: int) -> ContactSumFunctions:
-    """CPU contact total functions, for rows of `capacity` values."""
+    """CPU contact total functions for rows of `capacity`."""
     kinds = types(Real)
     access = row_access(Real)
     row = rows(capacity)

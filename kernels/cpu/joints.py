@@ -35,7 +35,7 @@ class JointFunctions:
 
 @cache
 def joint_functions(Real: type, capacity: int) -> JointFunctions:
-    """CPU joint functions, for rows of `capacity` values."""
+    """CPU joint functions for rows of `capacity`."""
     kinds = types(Real)
     Chain = kinds.Chain
     vec2 = kinds.vec2
@@ -78,7 +78,7 @@ def joint_functions(Real: type, capacity: int) -> JointFunctions:
 
     @wp.func
     def find_joint_moment(w: wp.array[Real], i: int, mu: Real, chain: Chain, memory: kinds.Memory):
-        """Stores the friction moment of the joint after link `i`, and its bristle's."""
+        """Stores the friction moment of the joint after link `i`, and its bristle's, in rows."""
         tension, turn = access.load(w, row.tension + i), access.load(w, row.turn_rate + i)
         tension_after, turn_after = access.load(w, row.tension + i + 1), access.load(w, row.turn_rate + i + 1)
         held = access.load(w, row.joint_bristle + i + 1)
@@ -90,7 +90,7 @@ def joint_functions(Real: type, capacity: int) -> JointFunctions:
 
     @wp.func
     def find_joint_moments(w: wp.array[Real], n: int, chain: Chain, memory: kinds.Memory):
-        """Stores the friction moment of every joint, and its bristle's."""
+        """Stores the friction moments of all joints, and their bristles', in rows."""
         access.store(w, row.tension + n, access.load(w, row.tension))
         access.store(w, row.turn_rate + n, access.load(w, row.turn_rate))
         mu = chain.joint.mu_dynamic
@@ -144,7 +144,7 @@ def joint_functions(Real: type, capacity: int) -> JointFunctions:
 
     @wp.func
     def turn_rate(w: wp.array[Real], i: int, n: int, chain: Chain, lag: Real):
-        """Rate of turning [rad/s] of link `i`, `lag` [s] after the velocities' instant."""
+        """Rate of turning [rad/s] of link `i` in rows, `lag` [s] after the velocities' instant."""
         mine = rollers.acceleration(w, i, chain.inverse_mass, chain.gravity)
         of_next = rollers.acceleration(w, next_index(i, n), chain.inverse_mass, chain.gravity)
         lever, turn = link_turning(rollers.link_vector(w, i), rollers.link_velocity(w, i) + lag * (of_next - mine))

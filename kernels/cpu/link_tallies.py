@@ -34,7 +34,7 @@ class LinkTallyFunctions:
 
 @cache
 def link_tally_functions(Real: type, capacity: int) -> LinkTallyFunctions:
-    """CPU link tally functions, for rows of `capacity` values."""
+    """CPU link tally functions for rows of `capacity`."""
     kinds = types(Real)
     Chain = kinds.Chain
     vec2 = kinds.vec2
@@ -55,7 +55,7 @@ def link_tally_functions(Real: type, capacity: int) -> LinkTallyFunctions:
 
     @wp.func
     def add_rates(w: wp.array[Real], n: int, share: Real):
-        """Adds a step's squared rates of elongation, times `share` of a step, to rows of links' tallies."""
+        """Adds a step's squared rates of elongation, times `share` of a step, to the CPU's rows of links' tallies."""
         i = int(0)
         while i < access.round_up(n):
             rate = access.load(w, row.rate + i)
@@ -64,7 +64,7 @@ def link_tally_functions(Real: type, capacity: int) -> LinkTallyFunctions:
 
     @wp.func
     def widen_extremes(w: wp.array[Real], n: int):
-        """Widens extremes in rows of links' tallies by a step's tensions."""
+        """Widens extremes in the CPU's rows of links' tallies by a step's tensions."""
         i = int(0)
         while i < access.round_up(n):
             tension = access.load(w, row.tension + i)
@@ -120,7 +120,7 @@ def link_tally_functions(Real: type, capacity: int) -> LinkTallyFunctions:
 
     @wp.func
     def mid_displacement(w: wp.array[Real], n: int, strand: Strand):
-        """Transverse displacement [m] of the chain at mid-strand, positive to the left of travel."""
+        """Transverse displacement [m] of the chain in rows at mid-strand, positive to the left of travel."""
         i = strand.middle
         j = next_index(i, n)
         return mid_strand_displacement(
@@ -142,7 +142,7 @@ def link_tally_functions(Real: type, capacity: int) -> LinkTallyFunctions:
 
     @wp.func
     def rollers_energy(w: wp.array[Real], n: int, chain: Chain, back: Real):
-        """Energy [J] of all rollers and links, `back` [s] after the velocities' instant."""
+        """Energy [J] of all rollers and links in rows, `back` [s] after the velocities' instant."""
         total = wp.float64(0.0)
         i = int(0)
         while i < n:

@@ -30,7 +30,7 @@ class NearRollerFunctions:
 
 @cache
 def near_roller_functions(Real: type, capacity: int) -> NearRollerFunctions:
-    """CPU near roller functions, for rows of `capacity` values."""
+    """CPU near roller functions for rows of `capacity`."""
     kinds = types(Real)
     Ensemble, State, Memory = kinds.Ensemble, kinds.State, kinds.Memory
     partners = partner_functions(Real)

@@ -42,29 +42,29 @@ class Group:
 
 @wp.func_native("return __builtin_ctzll(bits);")
 def lowest_bit(bits: wp.uint64) -> int:
-    """Position of the lowest bit set of a group's 64."""
+    """Position of the lowest bit set of a neighbor group's 64."""
 
 
 @wp.func_native("return 63 - __builtin_clzll(bits);")
 def highest_bit(bits: wp.uint64) -> int:
-    """Position of the highest bit set of a group's 64."""
+    """Position of the highest bit set of a neighbor group's 64."""
 
 
 @wp.func
 def single_bit(k: int):
-    """64 bits of which bit `k` alone is set."""
+    """64 bits of a neighbor group of which bit `k` alone is set."""
     return wp.uint64(1) << wp.uint64(k)
 
 
 @wp.func
 def without_lowest_bit(bits: wp.uint64):
-    """A group's bits without the lowest."""
+    """A neighbor group's bits without the lowest."""
     return bits & (bits - wp.uint64(1))
 
 
 @wp.func
 def is_near(group: Group, i: int):
-    """Whether roller `i`, between the group's `low` and `high`, is near."""
+    """Whether roller `i`, between a neighbor group's `low` and `high`, is near."""
     return ((group.near >> wp.uint64(i - group.first)) & wp.uint64(1)) != wp.uint64(0)
 
 
@@ -87,7 +87,7 @@ class NeighborListFunctions:
 
 @cache
 def neighbor_list_functions(Real: type, capacity: int) -> NeighborListFunctions:
-    """CPU neighbor list functions, for rows of `capacity` values."""
+    """CPU neighbor list functions for rows of `capacity`."""
     kinds = types(Real)
     lanes = LANES[Real]
     access = row_access(Real)
@@ -95,7 +95,7 @@ def neighbor_list_functions(Real: type, capacity: int) -> NeighborListFunctions:
 
     @wp.func
     def group_count(n: int):
-        """Number of whole groups of `n` rollers."""
+        """Number of whole neighbor groups of `n` rollers."""
         return (n + GROUP - 1) // GROUP
 
     @wp.func
@@ -195,7 +195,7 @@ def neighbor_list_functions(Real: type, capacity: int) -> NeighborListFunctions:
 
     @wp.func
     def near_group(first: int, near: wp.uint64, fresh: wp.uint64):
-        """Group that begins at roller `first`, with bits `near`, not 0, and `fresh`."""
+        """Neighbor group from roller `first` on, with bits `near`, not 0, and `fresh`."""
         group = Group()
         group.first = first
         group.near = near
@@ -206,7 +206,7 @@ def neighbor_list_functions(Real: type, capacity: int) -> NeighborListFunctions:
 
     @wp.func
     def whole_group(first: int, end: int):
-        """Group of all rollers from `first` to before `end`."""
+        """Neighbor group of all rollers from `first` to before `end`."""
         group = Group()
         group.first = first
         group.low = first

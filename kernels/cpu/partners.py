@@ -90,7 +90,7 @@ def partner_functions(Real: type) -> PartnerFunctions:
 
     @wp.func
     def friction_of_partner(ensemble: Ensemble, drive: Drive, p: int):
-        """Friction of partner `p` of a drive."""
+        """Friction of contact partner `p` of a drive."""
         if p < drive.sprockets:
             friction = ensemble.tooth_friction[drive.first_sprocket + p]
             return friction
@@ -99,7 +99,7 @@ def partner_functions(Real: type) -> PartnerFunctions:
 
     @wp.func
     def carrier_of_partner(ensemble: Ensemble, drive: Drive, p: int):
-        """Body that carries partner `p` of a drive, or `GROUND`."""
+        """Body that carries contact partner `p` of a drive, or `GROUND`."""
         body = p
         if p >= drive.sprockets:
             body = ensemble.guides[drive.first_guide + p - drive.sprockets].body

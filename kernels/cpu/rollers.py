@@ -156,7 +156,7 @@ class RollerFunctions:
 
 @cache
 def roller_functions(Real: type, capacity: int) -> RollerFunctions:
-    """CPU roller functions, for rows of `capacity` values."""
+    """CPU roller functions for rows of `capacity`."""
     kinds = types(Real)
     Chain = kinds.Chain
     vec2 = kinds.vec2

@@ -25,7 +25,7 @@ class SeatFunctions:
 
 @cache
 def seat_functions(Real: type, capacity: int) -> SeatFunctions:
-    """CPU seat functions, for rows of `capacity` values."""
+    """CPU seat functions for rows of `capacity`."""
     Memory, Sprocket = types(Real).Memory, types(Real).Sprocket
     compensated = Real == wp.float32
     rollers = roller_functions(Real, capacity)

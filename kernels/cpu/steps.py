@@ -23,7 +23,7 @@ class StepFunctions:
 
 @cache
 def step_functions(Real: type, capacity: int) -> StepFunctions:
-    """CPU step functions, for rows of `capacity` values."""
+    """CPU step functions for rows of `capacity`."""
     kinds = types(Real)
     Ensemble, State, Chain = kinds.Ensemble, kinds.State, kinds.Chain
     rollers = roller_functions(Real, capacity)

@@ -21,7 +21,7 @@ class StrandLoadFunctions:
 
 @cache
 def strand_load_functions(Real: type, capacity: int) -> StrandLoadFunctions:
-    """CPU strand load functions, for rows of `capacity` values."""
+    """CPU strand load functions for rows of `capacity`."""
     kinds = types(Real)
     Chain, vec2 = kinds.Chain, kinds.vec2
     rollers = roller_functions(Real, capacity)
@@ -30,7 +30,7 @@ def strand_load_functions(Real: type, capacity: int) -> StrandLoadFunctions:
 
     @wp.func
     def carry_goods(state: kinds.State, w: wp.array[Real], first: int, n: int, step: Real, chain: Chain):
-        """Sets masses of rollers with goods on a strand, from `first` on, and adds the forces of taking goods on."""
+        """Sets rows of masses of rollers with goods on a strand, and adds the forces of taking goods on."""
         for i in range(n):
             position = vec2(access.load(w, row.x + i), access.load(w, row.y + i))
             velocity = vec2(access.load(w, row.vx + i), access.load(w, row.vy + i))

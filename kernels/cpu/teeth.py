@@ -24,7 +24,7 @@ class ToothFunctions:
 
 @cache
 def tooth_functions(Real: type, capacity: int) -> ToothFunctions:
-    """CPU tooth contact functions, for rows of `capacity` values."""
+    """CPU tooth contact functions for rows of `capacity`."""
     Sprocket = types(Real).Sprocket
     row = rows(capacity)
     rollers = roller_functions(Real, capacity)
@@ -64,7 +64,7 @@ def tooth_functions(Real: type, capacity: int) -> ToothFunctions:
 
     @wp.func
     def store_flank_contacts(w: wp.array[Real], first: int, end: int, sprocket: Sprocket, body: Pose, number: int):
-        """Stores contacts in tooth gaps without tips, for either kind of flank; returns 1 if any is at a tip."""
+        """Stores contacts in tooth gaps, without tips, of either flank in rows; returns 1 if any is at a tip."""
         if sprocket.flank_curvature > Real(0.0):
             tipped = store_gap_contacts(w, first, end, sprocket, body, number)
             return tipped
@@ -91,7 +91,7 @@ def tooth_functions(Real: type, capacity: int) -> ToothFunctions:
 
     @wp.func
     def find_contacts(w: wp.array[Real], first: int, end: int, sprocket: Sprocket, body: Pose, number: int):
-        """Stores the contacts with teeth of rollers that have seats."""
+        """Stores the contacts with teeth of rollers that have seats in rows."""
         tipped = store_flank_contacts(w, first, end, sprocket, body, number)
         if tipped != 0:
             mend_tip_contacts(w, first, end, sprocket)

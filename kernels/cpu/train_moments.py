@@ -44,7 +44,7 @@ def train_moment_functions(Real: type) -> TrainMomentFunctions:
     def moment_without_valves(
         ensemble: Ensemble, state: State, drive: Drive, b: int, moment: wp.float64, time: wp.float64
     ):
-        """Moment [N m] that turns body `b` of all, without valves' inertia, from that of all but valves."""
+        """Moment [N m] that turns body `b` of all on the CPU, without valves' inertia, from that of all but valves."""
         cam = train_cam(ensemble, state, drive.first_body, drive.sprockets + drive.shafts, b)
         return constant_inertia_moment(
             moment, state.bodies[b].speed, leapfrog_interval(drive, time), cam, ensemble.motions[b]

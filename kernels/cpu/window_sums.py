@@ -29,7 +29,7 @@ class WindowSumFunctions:
 
 @cache
 def window_sum_functions(Real: type, capacity: int) -> WindowSumFunctions:
-    """CPU window sum function, for rows of `capacity` values."""
+    """CPU window sum function for rows of `capacity`."""
     kinds = types(Real)
     Ensemble, State, Chain = kinds.Ensemble, kinds.State, kinds.Chain
     chain_sums = chain_sum_functions(Real, capacity)

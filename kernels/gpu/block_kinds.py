@@ -79,22 +79,22 @@ class Parts:
 
     @property
     def rotors(self) -> int:
-        """Number of bodies whose angle may be prescribed: all but arms, which come last."""
+        """Number of bodies in block kernels whose angle may be prescribed: all but arms, which come last."""
         return self.sprockets + self.other_bodies
 
     @property
     def is_tied(self) -> bool:
-        """Whether bodies are tied to each other or to those of other chains."""
+        """Whether bodies in block kernels are tied to each other or to those of other chains."""
         return bool(self.tied) or self.chains > 1
 
     @property
     def jointed(self) -> bool:
-        """Whether arms carry arms."""
+        """Whether arms carry arms in block kernels."""
         return self.hubs == 2
 
     @property
     def bodies(self) -> int:
-        """Number of all bodies of a drive."""
+        """Number of all bodies of a drive in block kernels."""
         return self.rotors + self.arms
 
 

@@ -19,7 +19,7 @@ class BlockSumFunctions:
 
 @cache
 def block_sum_functions(kind: BlockKind) -> BlockSumFunctions:
-    """Sum functions over all threads, for a block kind."""
+    """Sum functions over all threads of block kernels."""
     Real, threads = kind.Real, kind.shape.threads
     kinds = kind.types
     Shared = kinds.Shared

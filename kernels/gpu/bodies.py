@@ -46,7 +46,7 @@ class BodyFunctions:
 
 @cache
 def body_functions(kind: BlockKind) -> BodyFunctions:
-    """Body motion functions for a block kind."""
+    """Body motion functions of block kernels."""
     Real = kind.Real
     kinds, Now = kind.types, kind.types.Now
     Ensemble, State, Shared, Pose = kinds.Ensemble, kinds.State, kinds.Shared, kinds.Pose

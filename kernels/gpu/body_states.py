@@ -34,7 +34,7 @@ class BodyStateFunctions:
 
 @cache
 def body_state_functions(kind: BlockKind) -> BodyStateFunctions:
-    """Body state functions for a block kind."""
+    """Body state functions of block kernels."""
     Real, sprockets, rotors = kind.Real, kind.parts.sprockets, kind.parts.rotors
     kinds = kind.types
     Ensemble, State, Shared, Pose = kinds.Ensemble, kinds.State, kinds.Shared, kinds.Pose
@@ -57,7 +57,7 @@ def body_state_functions(kind: BlockKind) -> BodyStateFunctions:
 
     @wp.func
     def has_heading(pose: Pose):
-        """Whether a body's pose in the state has its heading."""
+        """Whether a block's pose in the state has its heading."""
         cosine, sine = leading_value(pose.cosine), leading_value(pose.sine)
         return cosine != Real(0.0) or sine != Real(0.0)
 
@@ -85,7 +85,7 @@ def body_state_functions(kind: BlockKind) -> BodyStateFunctions:
 
     @wp.func
     def place_carried_sprocket(shared: Shared, b: int):
-        """Moves body b with the arm that carries it, if any; after a barrier."""
+        """Moves a block's body b with the arm that carries it, if any; after a barrier."""
         if wp.static(kind.parts.hubs):
             if b >= 0 and b < sprockets:
                 hub = shared.hubs[b]

@@ -47,7 +47,7 @@ class BodySumFunctions:
 
 @cache
 def body_sum_functions(kind: BlockKind) -> BodySumFunctions:
-    """Body sum functions for a block kind."""
+    """Body sum functions of block kernels."""
     Real = kind.Real
     bodies = body_functions(kind)
     carried_arms, prescribed_motion = carried_arm_functions(kind), prescribed_motion_functions(kind)

@@ -52,7 +52,7 @@ def carrier_body(ensemble: Any, mine: ThreadParts):
 
 @dataclass(frozen=True)
 class CarriedArmFunctions:
-    """Functions of a block's arms that carry arms."""
+    """Carried arm functions of a block."""
 
     add_carried_wrenches: wp.Function
     wrench_with_pivot_forces: wp.Function
@@ -64,7 +64,7 @@ class CarriedArmFunctions:
 
 @cache
 def carried_arm_functions(kind: BlockKind) -> CarriedArmFunctions:
-    """Functions of arms that carry arms, for a block kind."""
+    """Carried arm functions of block kernels."""
     Real, rotors, kinds, Now = kind.Real, kind.parts.rotors, kind.types, kind.types.Now
     Ensemble, Shared, Wrench = kinds.Ensemble, kinds.Shared, kinds.Wrench
     vec2, of_three = kinds.vec2, wp.types.vector(3, Real)
@@ -134,7 +134,7 @@ def carried_arm_functions(kind: BlockKind) -> CarriedArmFunctions:
 
     @wp.func
     def arm_now(ensemble: Ensemble, shared: Shared, b: int, angular: Real, time: Any, lag: Real):
-        """State of body b, an arm of acceleration `angular`, with rates at `time`, `lag` after their instant [s]."""
+        """State of a block's arm b of acceleration `angular`, with rates at `time`, `lag` after their instant [s]."""
         others, body = shared.arm_rates[b], body_states.body_from_pose(shared.poses[b])
         rates, mount = of_three(others[0], others[1], angular), bodies.body_mount(shared, b)
         return body_at_time(time, lag, body, rates, Real(0.0), shared.motions[b], mount, ensemble)

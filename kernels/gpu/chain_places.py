@@ -26,7 +26,7 @@ class ChainPlaceFunctions:
 
 @cache
 def chain_place_functions(kind: BlockKind) -> ChainPlaceFunctions:
-    """Chain place functions for a block kind."""
+    """Chain place functions of block kernels."""
     chain_count, sprockets, rotors = kind.parts.chains, kind.parts.sprockets, kind.parts.rotors
     several, of_others = chain_count > 1, wp.types.vector(MOST_CHAINS - 1, int)
     kinds = kind.types

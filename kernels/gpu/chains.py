@@ -21,7 +21,7 @@ from .shared_memory import joint_rows, roller_rows, shared_rows
 
 @dataclass(frozen=True)
 class ChainFunctions:
-    """Functions of the chains of a block."""
+    """Chain functions of a block."""
 
     chain_number: wp.Function
     chain_number_of_guide: wp.Function
@@ -46,7 +46,7 @@ class ChainFunctions:
 
 @cache
 def chain_functions(kind: BlockKind) -> ChainFunctions:
-    """Functions of the chains of a variant, for a block kind."""
+    """Chain functions of block kernels."""
     chain_count, sprockets, rotors = kind.parts.chains, kind.parts.sprockets, kind.parts.rotors
     several = chain_count > 1
     kinds = kind.types
@@ -79,14 +79,14 @@ def chain_functions(kind: BlockKind) -> ChainFunctions:
 
     @wp.func
     def relative_mass(shared: Shared, j: int):
-        """Mass of roller j with goods on it, relative to its chain's; of links that vary."""
+        """Mass of a block's roller j with goods on it, relative to its chain's; of links that vary."""
         position = kinds.vec2(access.load(shared.rows, row.x + j), access.load(shared.rows, row.y + j))
         carried = carried_relative_mass(position, shared.chains[chain_number(shared, j)].load)
         return access.load(shared.rows, first_mass + j) + carried
 
     @wp.func
     def set_own_mass(shared: Shared, j: int, value: Real):
-        """Sets the relative mass of roller j without goods, of links that vary."""
+        """Sets the relative mass of a block's roller j without goods, of links that vary."""
         access.store(shared.rows, first_mass + j, value)
 
     @wp.func
@@ -100,7 +100,7 @@ def chain_functions(kind: BlockKind) -> ChainFunctions:
 
     @wp.func
     def chain_span(shared: Shared, j: int, n: int):
-        """First roller and number of rollers of roller j's chain; `n` of all chains."""
+        """First roller and number of rollers of a block's roller j's chain; `n` of all chains."""
         if wp.static(several):
             place = shared.chain_places[chain_number(shared, j)]
             return place.first_roller, place.end_roller - place.first_roller
@@ -118,7 +118,7 @@ def chain_functions(kind: BlockKind) -> ChainFunctions:
 
     @wp.func
     def next_roller(shared: Shared, j: int, n: int):
-        """Number of the roller after roller j in its chain, of `n` in all; a valid one where j is beyond all."""
+        """Number of the block's roller after roller j in its chain, of `n`; a valid one where j is beyond all."""
         next = j + 1
         first = int(0)
         for r in range(1, chain_count):
@@ -128,7 +128,7 @@ def chain_functions(kind: BlockKind) -> ChainFunctions:
 
     @wp.func
     def previous_roller(shared: Shared, j: int, n: int):
-        """Number of the roller before roller j in its chain, of `n` in all."""
+        """Number of the block's roller before roller j in its chain, of `n`."""
         last = j - 1
         first = int(0)
         for r in range(1, chain_count):
@@ -138,7 +138,7 @@ def chain_functions(kind: BlockKind) -> ChainFunctions:
 
     @wp.func
     def partners_of_chain(shared: Shared, j: int, mask: int):
-        """Partners of `mask`, as bits, that belong to roller j's chain."""
+        """Partners of `mask`, as bits, in the chain of a block's roller j."""
         if wp.static(several):
             return mask & shared.chain_places[chain_number(shared, j)].partners
         else:
@@ -146,7 +146,7 @@ def chain_functions(kind: BlockKind) -> ChainFunctions:
 
     @wp.func
     def contact_memory(shared: Shared, mine: ThreadParts, j: int, p: int):
-        """Index of the contact memory of roller j with partner p of its chain."""
+        """Index of the contact memory of a block's roller j with partner p of its chain."""
         if wp.static(several):
             return shared.contact_begins[p] + j
         elif wp.static(kind.silent):
@@ -157,13 +157,13 @@ def chain_functions(kind: BlockKind) -> ChainFunctions:
 
     @wp.func
     def chain_length(shared: Shared, mine: ThreadParts, j: int):
-        """Number of rollers of roller j's chain."""
+        """Number of rollers of the chain of a block's roller j."""
         first, count = chain_span(shared, j, mine.rollers)
         return count
 
     @wp.func
     def push_memory(shared: Shared, mine: ThreadParts, j: int, at: int):
-        """Index in `State.push` of the force of pin j's flank end whose contact memory is at `at`."""
+        """Index in `State.push` of the force of a block's pin j's flank end whose contact memory is at `at`."""
         if wp.static(several):
             place = shared.chain_places[chain_number(shared, j)]
             return at - place.first_contact + place.first_push
@@ -172,7 +172,7 @@ def chain_functions(kind: BlockKind) -> ChainFunctions:
 
     @wp.func
     def toe_memory(shared: Shared, mine: ThreadParts, j: int):
-        """Index in `State.push` of the force of teeth on pin j in x, and the offset of that in y."""
+        """Index in `State.push` of the force of teeth on a block's pin j in x, and the offset of that in y."""
         if wp.static(several):
             place = shared.chain_places[chain_number(shared, j)]
             count = place.end_roller - place.first_roller
@@ -182,7 +182,7 @@ def chain_functions(kind: BlockKind) -> ChainFunctions:
 
     @wp.func
     def strand_in_chain(shared: Shared, drive: Drive, j: int, strand: int):
-        """Strand, or none, of roller j's link in its chain `drive`, from that among all chains."""
+        """Strand, or none, of a block's roller j's link in its chain `drive`, from that among all chains."""
         if wp.static(several):
             return wp.min(strand - shared.chain_places[chain_number(shared, j)].first_sprocket, drive.sprockets)
         else:
@@ -190,7 +190,7 @@ def chain_functions(kind: BlockKind) -> ChainFunctions:
 
     @wp.func
     def body_index(shared: Shared, first: int, b: int):
-        """Index of body b among all of the ensemble; the variant's begin at `first`."""
+        """Index of a block's body b among all of the ensemble; the variant's begin at `first`."""
         if wp.static(several):
             return shared.body_indices[b]
         else:

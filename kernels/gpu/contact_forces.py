@@ -31,7 +31,7 @@ class ContactForceFunctions:
 
 @cache
 def contact_force_functions(kind: BlockKind) -> ContactForceFunctions:
-    """Contact force functions for a block kind."""
+    """Contact force functions of block kernels."""
     # most contacts of the usual law are worked out without branches, in kernels of one length of chain all or none, so
     # that metrics leave a variant its bits: of more links not all kernels gave the same bits (docs/performance.md)
     branchless = kind.linear_hysteretic and kind.shape.room <= 192

@@ -25,7 +25,7 @@ class ContactSumFunctions:
 
 @cache
 def contact_sum_functions(kind: BlockKind) -> ContactSumFunctions:
-    """Contact sum functions for a block kind."""
+    """Contact sum functions of block kernels."""
     Real = kind.Real
     Now = kind.types.Now
 
@@ -39,14 +39,14 @@ def contact_sum_functions(kind: BlockKind) -> ContactSumFunctions:
 
     @wp.func
     def add_powers(tallies: Tallies, now: Now, at: int, damped: Real, rubbed: Real):
-        """Adds the powers [W] of a closed contact's damper and friction to its sums."""
+        """Adds the powers [W] of a block's closed contact's damper and friction to its sums."""
         add_to_element(tallies.dissipated, at, as_float64(now.weight * damped))
         if wp.static(kind.friction.contacts):
             add_to_element(tallies.friction, at, as_float64(now.weight * rubbed))
 
     @wp.func
     def add_force_and_counts(tallies: Tallies, now: Now, at: int, before: Real, size: Real, passing: bool):
-        """Adds a closed contact's force [N] to its sums, and counts its first instant on sprockets (`passing`)."""
+        """Adds a block's closed contact's force [N] to its sums, and counts its first instant where `passing`."""
         add_to_element(tallies.impulse, at, as_float64(now.weight * size))
         raise_element(tallies.force_max, at, as_float64(size))
         if before <= Real(0.0):
@@ -56,7 +56,7 @@ def contact_sum_functions(kind: BlockKind) -> ContactSumFunctions:
 
     @wp.func
     def add_stored_energy(tallies: Tallies, now: Now, at: int, energy: Real):
-        """Subtracts a contact's energy at the window's end from its dissipation, and adds that at the start."""
+        """Subtracts a block's contact's energy at the window's end from its dissipation, and adds that at the start."""
         if wp.static(not kind.has_stages):
             if now.flags & ENDS != 0:
                 add_to_element(tallies.dissipated, at, as_float64(wp.where(now.flags & START != 0, energy, -energy)))

@@ -46,7 +46,7 @@ class ContactFunctions:
 
 @cache
 def contact_functions(kind: BlockKind) -> ContactFunctions:
-    """Contact functions for a block kind."""
+    """Contact functions of block kernels."""
     Real, sprockets = kind.Real, kind.parts.sprockets
     kinds, Now = kind.types, kind.types.Now
     State, Shared, Friction = kinds.State, kinds.Shared, kinds.Friction
@@ -76,7 +76,7 @@ def contact_functions(kind: BlockKind) -> ContactFunctions:
 
     @wp.func
     def with_kinematics(contact: Contact, penetration: Real, normal: vec2, relative: vec2):
-        """Contact with its penetration [m], normal and relative velocity [m/s] set."""
+        """Block's contact with its penetration [m], normal and relative velocity [m/s] set."""
         contact.penetration = penetration
         contact.normal = normal
         contact.relative = relative
@@ -84,7 +84,7 @@ def contact_functions(kind: BlockKind) -> ContactFunctions:
 
     @wp.func
     def approach_acceleration(shared: Shared, body: Pose, arm: vec2, j: int):
-        """Acceleration [m/s^2] of a body's point, `arm` from its center, less that of roller j by forces so far."""
+        """Acceleration [m/s^2] of a block's body's point, `arm` from its center, less roller j's by forces so far."""
         straight = vec2()
         if wp.static(kind.moving):
             straight = body.straight
@@ -92,7 +92,7 @@ def contact_functions(kind: BlockKind) -> ContactFunctions:
 
     @wp.func
     def with_memory(state: State, contact: Contact, at: int):
-        """Contact with the values that the state keeps at `at`."""
+        """Block's contact with the values that the state keeps at `at`."""
         contact.impact_speed = access.load(state.impact_speed, at)
         contact.damper_speed = access.load(state.damper_speed, at)
         if wp.static(kind.friction.contacts):
@@ -101,7 +101,7 @@ def contact_functions(kind: BlockKind) -> ContactFunctions:
 
     @wp.func
     def friction_and_hold(now: Now, size: Real, normal: vec2, relative: vec2, contact: Contact, what: Friction):
-        """Friction of a contact on a roller [N], and its bristle's force [N]."""
+        """Friction of a block's contact on a roller [N], and its bristle's force [N]."""
         held = wp.where(contact.impact_speed > Real(0.0), contact.held_friction, Real(0.0))
         stretched = rollers.stretch_part(now)
         if wp.static(kind.friction.contacts == BY_SPEED):
@@ -111,7 +111,7 @@ def contact_functions(kind: BlockKind) -> ContactFunctions:
 
     @wp.func
     def specialized_law(shared: Shared, law: Any, j: int):
-        """Contact law for roller j, with constants of the kernel's kind."""
+        """Contact law for roller j, with constants of the block kernel's kind."""
         if wp.static(not kind.has_stages):
             law.most_damping = Real(0.0)
         if wp.static(kind.linear_hysteretic):
@@ -124,7 +124,7 @@ def contact_functions(kind: BlockKind) -> ContactFunctions:
 
     @wp.func
     def velocity_lag(mine: ThreadParts):
-        """Time [s] from velocities to contact forces."""
+        """Time [s] from velocities to contact forces on a block."""
         if wp.static(kind.has_stages):
             return Real(0.0)
         else:
@@ -132,7 +132,7 @@ def contact_functions(kind: BlockKind) -> ContactFunctions:
 
     @wp.func
     def dissipating_force(force: vec2, damper: Real, normal: vec2):
-        """Part of a contact's force [N] that takes power from motion: all of it, or with stages that of the damper."""
+        """Part of a block's contact force [N] that takes power: all of it, or with stages that of the damper."""
         if wp.static(kind.has_stages):
             return damper * normal
         else:
@@ -140,20 +140,20 @@ def contact_functions(kind: BlockKind) -> ContactFunctions:
 
     @wp.func
     def dissipated_powers(mine: ThreadParts, force: vec2, drag: vec2, relative: vec2, more: vec2):
-        """Powers [W] of a closed contact's force and friction; `more` is the acceleration by all [m/s^2]."""
+        """Powers [W] of a block's closed contact's force and friction; `more` is the acceleration by all [m/s^2]."""
         return dissipated_power(force, relative, more, velocity_lag(mine)), dissipated_power(
             drag, relative, more, velocity_lag(mine)
         )
 
     @wp.func
     def keep_impact_speed(state: State, now: Now, at: int, before: Real, kept: Real):
-        """Stores v0 of a contact while it is closed, at a step's first stage only."""
+        """Stores v0 of a block's contact while it is closed, at a step's first stage only."""
         if before != kept and now.stage == 0:
             access.store(state.impact_speed, at, kept)
 
     @wp.func
     def keep_damper_speed(state: State, now: Now, at: int, answer: Real, damper_speed: Real):
-        """Stores the damper speed [m/s] of a closed contact whose law has an `answer`."""
+        """Stores the damper speed [m/s] of a block's closed contact whose law has an `answer`."""
         if answer > Real(0.0) and now.stage == 0:
             access.store(state.damper_speed, at, damper_speed)
 
@@ -168,7 +168,7 @@ def contact_functions(kind: BlockKind) -> ContactFunctions:
         contact: Contact,
         law: kinds.ContactLaw,
     ):
-        """Adds the current contact's force to roller j's; returns whether it is closed, and the force [N]."""
+        """Adds the block's current contact force to roller j's; returns whether it is closed, and the force [N]."""
         p, before, normal, relative, more = (
             contact.partner,
             contact.impact_speed,

@@ -24,13 +24,13 @@ class CouplingFunctions:
 
 @cache
 def coupling_functions(kind: BlockKind) -> CouplingFunctions:
-    """Coupling functions for a block kind."""
+    """Coupling functions of block kernels."""
     kinds, chains = kind.types, chain_functions(kind)
     Ensemble, State, Shared = kinds.Ensemble, kinds.State, kinds.Shared
 
     @wp.func
     def coupling_count(drive: Drive):
-        """Number of couplings of a drive; a constant 0 in kinds without any."""
+        """Number of couplings of a drive on a block; a constant 0 in kinds without any."""
         if wp.static(kind.parts.geared):
             return drive.couplings
         else:
@@ -45,7 +45,7 @@ def coupling_functions(kind: BlockKind) -> CouplingFunctions:
 
     @wp.func
     def coupling_state_now(ensemble: Ensemble, state: State, shared: Shared, mine: ThreadParts, c: int, time: Any):
-        """State of coupling c of all at the step's start, from both bodies before they move."""
+        """State of a block's coupling c of all at the step's start, from both bodies before they move."""
         coupling, one, other = coupling_and_bodies(ensemble, shared, mine, c)
         first, second = shared.poses[wp.max(one, 0)], shared.poses[other]
         return coupling_state(time, first, second, state.couplings[c], coupling, ensemble.tables)

@@ -25,7 +25,7 @@ class FrameOutputFunctions:
 
 @cache
 def frame_output_functions(kind: BlockKind, frame: Any) -> FrameOutputFunctions:
-    """Frame output functions for a block kind, and frames of layout `frame` (`kernels.frames`)."""
+    """Frame output functions of block kernels, and frames of layout `frame` (`kernels.frames`)."""
     Real = kind.Real
     sprockets, rotors = kind.parts.sprockets, kind.parts.rotors
     kinds, Now = kind.types, kind.types.Now

@@ -16,7 +16,7 @@ from .rollers import roller_functions
 
 @dataclass(frozen=True)
 class GeometryFunctions:
-    """Functions of a block's shared geometry."""
+    """Shared geometry functions of a block."""
 
     put_pose: wp.Function
     share_chains_and_guides: wp.Function
@@ -28,7 +28,7 @@ class GeometryFunctions:
 
 @cache
 def geometry_functions(kind: BlockKind) -> GeometryFunctions:
-    """Functions of shared geometry for a block kind."""
+    """Shared geometry functions of block kernels."""
     Real, sprockets, body_count = kind.Real, kind.parts.sprockets, kind.parts.bodies
     kinds = kind.types
     Ensemble, Shared, Pose = kinds.Ensemble, kinds.Shared, kinds.Pose
@@ -89,7 +89,7 @@ def geometry_functions(kind: BlockKind) -> GeometryFunctions:
 
     @wp.func
     def guide_now(shared: Shared, g: int):
-        """Guide g at its present place; one with a profile in its carrier's frame."""
+        """A block's guide g at its present place; one with a profile in its carrier's frame."""
         bar = shared.guides[g]
         if wp.static(kind.profiles):
             if bar.pieces == 0 and bar.body < body_count:
@@ -98,12 +98,12 @@ def geometry_functions(kind: BlockKind) -> GeometryFunctions:
 
     @wp.func
     def arm_from_body(shared: Shared, j: int, b: int):
-        """Vector [m] to roller j from the center of body b, which carries a guide."""
+        """Vector [m] to a block's roller j from the center of body b, which carries a guide."""
         return leading_value(difference(rollers.exact_position(shared.rows, j), shared.poses[b].center))
 
     @wp.func
     def arm_and_carrier_coordinates(shared: Shared, j: int, b: int):
-        """Vector [m] to roller j from the center of body b, which carries a guide, and that in the body's frame."""
+        """Vector [m] to a block's roller j from the center of a guide's carrier b, and that in the carrier's frame."""
         carrier = shared.poses[b]
         arm = difference(rollers.exact_position(shared.rows, j), carrier.center)
         q = arm

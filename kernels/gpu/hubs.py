@@ -26,7 +26,7 @@ class HubFunctions:
 
 @cache
 def hub_functions(kind: BlockKind) -> HubFunctions:
-    """Hub functions for a block kind; they do nothing without hubs."""
+    """Hub functions of block kernels; they do nothing without hubs."""
     Real, sprockets = kind.Real, kind.parts.sprockets
     kinds, Now = kind.types, kind.types.Now
     Ensemble, State, Shared, Wrench = kinds.Ensemble, kinds.State, kinds.Shared, kinds.Wrench

@@ -26,7 +26,7 @@ class JointPowerFunctions:
 
 @cache
 def joint_power_functions(kind: BlockKind) -> JointPowerFunctions:
-    """Joint power functions for a block kind."""
+    """Joint power functions of block kernels."""
     Real = kind.Real
     kinds = kind.types
     Ensemble, State, Shared = kinds.Ensemble, kinds.State, kinds.Shared
@@ -39,7 +39,7 @@ def joint_power_functions(kind: BlockKind) -> JointPowerFunctions:
 
     @wp.func
     def tension_and_turn_rates(ensemble: Ensemble, shared: Shared, mine: ThreadParts, j: int, lag: Real):
-        """Tension [N] and rate of turning [rad/s] of link j, and that rate from `lag` [s] later."""
+        """Tension [N] and rate of turning [rad/s] of a block's link j, and that rate from `lag` [s] later."""
         n = mine.rollers
         tension, rate, force = links.link_load(shared, j, n, access.load(ensemble.lengths, mine.first_roller + j))
         d, w = links.link_vector_and_velocity(shared, j, n)

@@ -23,12 +23,12 @@ from .sync import sync_functions
 
 @wp.func_native("union { double one; float two[2]; } of; of.two[0] = x; of.two[1] = y; return of.one;")
 def float64_of_two(x: wp.float32, y: wp.float32) -> wp.float64:
-    """Float64 that holds two float32, for joints' couples."""
+    """Float64 that holds two float32, for joints' couples on blocks."""
 
 
 @wp.func_native("union { double one; float two[2]; } of; of.one = value; return {of.two[0], of.two[1]};")
 def two_of_float64(value: wp.float64) -> wp.vec2f:
-    """Two float32 from the float64 that `float64_of_two` made."""
+    """Two float32 from a block's float64 that `float64_of_two` made."""
 
 
 @dataclass(frozen=True)
@@ -43,7 +43,7 @@ class JointFunctions:
 
 @cache
 def joint_functions(kind: BlockKind) -> JointFunctions:
-    """Joint functions for a block kind."""
+    """Joint functions of block kernels."""
     Real, threads, rollers_per_thread = kind.Real, kind.shape.threads, kind.shape.rollers_per_thread
     slots = kind.shape.slots
     kinds, Now = kind.types, kind.types.Now
@@ -61,7 +61,7 @@ def joint_functions(kind: BlockKind) -> JointFunctions:
 
     @wp.func
     def moment_between_links(before: vec2, after: vec2, held: Real, chain: Chain, stretched: Real):
-        """Moment [N m] of the joint between two links, and of its bristle, from `held` [N m].
+        """Moment [N m] of a block's joint between two links, and of its bristle, from `held` [N m].
 
         `before` and `after` are each link's tension [N] and rate of turning [rad/s].
         """
@@ -72,10 +72,7 @@ def joint_functions(kind: BlockKind) -> JointFunctions:
 
     @wp.func
     def turning_of_link(shared: Shared, j: int, n: int, d: vec2, w: vec2):
-        """n / L [1/m] and rate of turning [rad/s] of link j for joint friction; 0 of an absent one.
-
-        `d` and `w`: `link_vector_and_velocity`.
-        """
+        """n / L [1/m] and rate of turning [rad/s] of a block's link j for joint friction; 0 of an absent one."""
         lever, turn = link_turning(d, w)
         if wp.static(kind.links == "varied"):
             first, count = chains.chain_span(shared, j, n)
@@ -91,7 +88,7 @@ def joint_functions(kind: BlockKind) -> JointFunctions:
 
     @wp.func
     def held_moment(state: State, mine: ThreadParts, j: int):
-        """Moment [N m] that the bristle of joint j holds in the state."""
+        """Moment [N m] that the bristle of a block's joint j holds in the state."""
         return access.load(state.joint_hold, mine.first_roller + wp.min(j, mine.rollers - 1))
 
     @wp.func
@@ -108,7 +105,7 @@ def joint_functions(kind: BlockKind) -> JointFunctions:
 
     @wp.func
     def keep_held_moment(state: State, mine: ThreadParts, now: Now, j: int, holds: Real):
-        """Stores the moment [N m] that the bristle of joint j holds."""
+        """Stores the moment [N m] that the bristle of a block's joint j holds."""
         if j < mine.rollers and now.stage == 0:
             access.store(state.joint_hold, mine.first_roller + j, holds)
 
@@ -133,7 +130,7 @@ def joint_functions(kind: BlockKind) -> JointFunctions:
 
     @wp.func
     def store_couple(rows: wp.array[Real], j: int, x: Real, y: Real):
-        """Stores the force [N] of the couple of link j's joints, as float32."""
+        """Stores the force [N] of the couple of a block's link j's joints, as float32."""
         if wp.static(kind.is_paired):
             access.store(rows, FIRST + j, x)
             access.store(rows, SECOND + j, y)
@@ -142,7 +139,7 @@ def joint_functions(kind: BlockKind) -> JointFunctions:
 
     @wp.func
     def load_couple(rows: wp.array[Real], j: int):
-        """Force [N] of the couple of link j's joints, from `store_couple`."""
+        """Force [N] of the couple of a block's link j's joints, from `store_couple`."""
         if wp.static(kind.is_paired):
             return wp.vec2f(access.load(rows, FIRST + j), access.load(rows, SECOND + j))
         else:
@@ -206,7 +203,7 @@ def joint_functions(kind: BlockKind) -> JointFunctions:
 
     @wp.func
     def count_work(shared: Shared, at: int, work: Real):
-        """Adds the work [J] that joint friction takes from roller `at`."""
+        """Adds the work [J] that joint friction takes from a block's roller `at`."""
         access.store(shared.link_sums, FRICTION + at, access.load(shared.link_sums, FRICTION + at) - work)
 
     @wp.func

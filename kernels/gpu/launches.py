@@ -34,7 +34,7 @@ class LaunchFunctions:
 
 @cache
 def launch_functions(kind: BlockKind) -> LaunchFunctions:
-    """Launch functions for a block kind."""
+    """Launch functions of block kernels."""
     Real, sprockets, integrator = kind.Real, kind.parts.sprockets, kind.integrator
     kinds, Now, Out = kind.types, kind.types.Now, kind.types.Out
     Ensemble, State, Shared, Sums = kinds.Ensemble, kinds.State, kinds.Shared, kinds.Sums

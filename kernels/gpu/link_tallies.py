@@ -35,7 +35,7 @@ class LinkTallyFunctions:
 
 @cache
 def link_tally_functions(kind: BlockKind) -> LinkTallyFunctions:
-    """Link tally functions for a block kind."""
+    """Link tally functions of block kernels."""
     Real, threads, rollers_per_thread = kind.Real, kind.shape.threads, kind.shape.rollers_per_thread
     sprockets, chain_count = kind.parts.sprockets, kind.parts.chains
     kinds = kind.types
@@ -52,7 +52,7 @@ def link_tally_functions(kind: BlockKind) -> LinkTallyFunctions:
 
     @wp.func_native(code_by_device(f"return {high_bits}(value);", "return value < 0 ? -1 : 0;"))
     def sign_bits(value: Real) -> int:
-        """Negative whole number where `value` is negative, to compare many tensions at once."""
+        """Negative whole number where `value` is negative, to compare a block's tensions at once."""
 
     @wp.func
     def extremes_index(i: int, of: int):
@@ -61,7 +61,7 @@ def link_tally_functions(kind: BlockKind) -> LinkTallyFunctions:
 
     @wp.func
     def set_extremes(shared: Shared, at: int, lowest: wp.float64, highest: wp.float64):
-        """Stores a pair of extremes of tension at `at`."""
+        """Stores a pair of extremes of tension of a warp at `at`."""
         access.store(shared.link_sums, at, Real(lowest))
         access.store(shared.link_sums, at + 1, Real(highest))
 
@@ -159,7 +159,7 @@ def link_tally_functions(kind: BlockKind) -> LinkTallyFunctions:
 
     @wp.func
     def add_link_tension(tallies: Tallies, drive: Drive, shared: Shared, j: int, n: int, tension: Real):
-        """Adds the tension of link j, of n in all, to its strand's tally; returns that strand of its chain `drive`."""
+        """Adds the tension of a block's link j, of n, to its strand's tally; returns that strand of its chain."""
         of = chains.strand_in_chain(shared, drive, j, strands.stored_strand(shared, j % threads, j // threads))
         first, count = chains.chain_span(shared, j, n)
         seen = add_tension(LinkTally(), tension)
@@ -169,12 +169,12 @@ def link_tally_functions(kind: BlockKind) -> LinkTallyFunctions:
 
     @wp.func
     def update_strand(state: kinds.State, shared: Shared, first: int, n: int, at: int, anew: bool):
-        """Updates strand `at` of all, or seeks it `anew`, on a chain of n rollers from `first` on."""
+        """Updates a block's strand `at` of all, or seeks it `anew`, on a chain of n rollers from `first` on."""
         state.strands[at] = follow(shared.rows, row.x + first, row.y + first, n, state.strands[at], anew)
 
     @wp.func
     def add_mid_displacement(sums: Sums, shared: Shared, first: int, n: int, at: int, strand: Strand):
-        """Adds the mid-strand displacement of `strand`, of n rollers from `first` on, to the sums at `at`."""
+        """Adds the mid-strand displacement of a block's `strand`, of n rollers from `first` on, to the sums at `at`."""
         rows = shared.rows
         a = first + strand.middle
         b = first + next_index(strand.middle, n)
@@ -187,7 +187,7 @@ def link_tally_functions(kind: BlockKind) -> LinkTallyFunctions:
 
     @wp.func
     def energy_of_roller(shared: Shared, j: int, n: int, v: vec2, extra: kinds.Extra):
-        """Energy [J] of roller j, of n, and elastic energy of its next link and its contacts."""
+        """Energy [J] of a block's roller j, of n, and elastic energy of its next link and its contacts."""
         first, count = chains.chain_span(shared, j, n)
         position, chain = rollers.position(shared.rows, j), chains.chain_at(shared, j)
         held, weight = roller_energy(position, v, extra.tension, extra.rate, j - first, chain)

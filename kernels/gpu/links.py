@@ -27,7 +27,7 @@ class LinkFunctions:
 
 @cache
 def link_functions(kind: BlockKind) -> LinkFunctions:
-    """Link functions for a block kind."""
+    """Link functions of block kernels."""
     Real, threads, rollers_per_thread = kind.Real, kind.shape.threads, kind.shape.rollers_per_thread
     kinds = kind.types
     Shared = kinds.Shared
@@ -40,7 +40,7 @@ def link_functions(kind: BlockKind) -> LinkFunctions:
 
     @wp.func
     def link_vector_and_velocity(shared: Shared, j: int, n: int):
-        """Vector [m] of link j, from roller j to the next, exact at float32 too, and relative velocity [m/s]."""
+        """Vector [m] of a block's link j to the next roller, exact at float32 too, and relative velocity [m/s]."""
         rows = shared.rows
         next = chains.next_roller(shared, j, n)
         d = vec2(
@@ -60,10 +60,7 @@ def link_functions(kind: BlockKind) -> LinkFunctions:
 
     @wp.func
     def link_load_from_vector(shared: Shared, j: int, n: int, d: vec2, v: vec2, length: Real):
-        """Tension [N], rate of elongation [m/s] and force [N] on roller j of link j, eq. (2), (3).
-
-        `d` and `v`: `link_vector_and_velocity`.
-        """
+        """Tension [N], rate of elongation [m/s] and force [N] on roller j of a block's link j, eq. (2), (3)."""
         if wp.static(kind.links == "varied"):
             first, count = chains.chain_span(shared, j, n)
             tension, rate, u = uneven_link_force(d, v, length, j - first, chains.chain_at(shared, j))
@@ -75,7 +72,7 @@ def link_functions(kind: BlockKind) -> LinkFunctions:
 
     @wp.func
     def link_length(shared: Shared, lengths: wp.array[Real], j: int):
-        """Unloaded length [m] of link j; `lengths` begin with link 0."""
+        """Unloaded length [m] of a block's link j; `lengths` begin with link 0."""
         if wp.static(kind.links == "alike"):
             return chains.chain_at(shared, j).length
         else:
@@ -83,7 +80,7 @@ def link_functions(kind: BlockKind) -> LinkFunctions:
 
     @wp.func
     def link_load(shared: Shared, j: int, n: int, length: Real):
-        """Tension [N], rate of elongation [m/s] and force [N] on roller j of link j, at its present place."""
+        """Tension [N], rate of elongation [m/s] and force [N] on roller j of a block's link j, at its present place."""
         d, v = link_vector_and_velocity(shared, j, n)
         return link_load_from_vector(shared, j, n, d, v, length)
 

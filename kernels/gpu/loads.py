@@ -32,7 +32,7 @@ class LoadFunctions:
 
 @cache
 def load_functions(kind: BlockKind) -> LoadFunctions:
-    """Load functions for a block kind."""
+    """Load functions of block kernels."""
     Real, sprockets, rotors = kind.Real, kind.parts.sprockets, kind.parts.rotors
     kinds, Now = kind.types, kind.types.Now
     Ensemble, Shared, Pose = kinds.Ensemble, kinds.Shared, kinds.Pose

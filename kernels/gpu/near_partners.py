@@ -26,7 +26,7 @@ class NearPartnerFunctions:
 
 @cache
 def near_partner_functions(kind: BlockKind) -> NearPartnerFunctions:
-    """Near partner functions for a block kind."""
+    """Near partner functions of block kernels."""
     Real, threads, rollers_per_thread = kind.Real, kind.shape.threads, kind.shape.rollers_per_thread
     sprockets, guides, body_count = kind.parts.sprockets, kind.parts.guides, kind.parts.bodies
     partners = sprockets + guides
@@ -48,7 +48,7 @@ def near_partner_functions(kind: BlockKind) -> NearPartnerFunctions:
 
     @wp.func
     def is_in_profile_box(shared: Shared, j: int, bar: Guide):
-        """1 where roller j is in the box about the chord of a guide with a profile, else 0."""
+        """1 where a block's roller j is in the box about a profiled guide's chord, else 0."""
         q = geometry.arm_from_body(shared, j, bar.body)
         if bar.body < body_count:  # the ground has not turned
             q = coarse_frame_vector(q, shared.poses[bar.body])

@@ -51,7 +51,7 @@ class OilWarpFunctions:
 
 @cache
 def oil_warp_functions(kind: BlockKind) -> OilWarpFunctions:
-    """Oil warp functions for a block kind."""
+    """Oil warp functions of block kernels."""
     kinds, variants, tensioners = kind.types, kind.shape.variants_per_block, kind.parts.tensioners
     Shared, Stroke = kinds.Shared, kinds.Stroke
 
@@ -89,7 +89,7 @@ def oil_warp_functions(kind: BlockKind) -> OilWarpFunctions:
 
     @wp.func
     def request_oil_step(shared: Shared, k: int, x: kinds.Number, rate: kinds.Real, metered: bool):
-        """Requests a step of the oil of the variant's tensioner k."""
+        """Requests a step of the oil of tensioner k from the oil warp."""
         shared.strokes[k].x = x
         shared.strokes[k].rate = rate
         set_request(shared.strokes, k, wp.where(metered, METERED, STEP))

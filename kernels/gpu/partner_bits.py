@@ -26,7 +26,7 @@ class PartnerBitFunctions:
 
 @cache
 def partner_bit_functions(kind: BlockKind) -> PartnerBitFunctions:
-    """Partner bit functions for a block kind."""
+    """Partner bit functions of block kernels."""
     threads, rollers_per_thread, sprockets = kind.shape.threads, kind.shape.rollers_per_thread, kind.parts.sprockets
     partners = sprockets + kind.parts.guides
     slots = BITS // partners
@@ -44,7 +44,7 @@ def partner_bit_functions(kind: BlockKind) -> PartnerBitFunctions:
 
     @wp.func
     def has_any(bits: Bits):
-        """Whether any partner bit is set."""
+        """Whether any partner bit of a thread is set."""
         found = int(0)
         for q in range(word_count):
             found = found | bits[q]
@@ -52,17 +52,17 @@ def partner_bit_functions(kind: BlockKind) -> PartnerBitFunctions:
 
     @wp.func
     def of_sprockets(bits: Bits):
-        """Partner bits of sprockets alone."""
+        """A thread's partner bits of sprockets alone."""
         return bits & Bits(OF_SPROCKETS)
 
     @wp.func
     def of_guides(bits: Bits):
-        """Partner bits of guides alone."""
+        """A thread's partner bits of guides alone."""
         return bits & Bits(OF_GUIDES)
 
     @wp.func
     def first_word(bits: Bits):
-        """Index of the first number with partner bits set; some is set."""
+        """Index of a thread's first number with partner bits set; some is set."""
         q = int(last_word)
         for back in range(1, word_count):
             if bits[last_word - back] != 0:
@@ -85,7 +85,7 @@ def partner_bit_functions(kind: BlockKind) -> PartnerBitFunctions:
 
     @wp.func
     def without_first_pair(bits: Bits):
-        """Partner bits without that of `first_pair`."""
+        """A thread's partner bits without that of `first_pair`."""
         q = first_word(bits)
         for other in range(word_count):
             if q == other:

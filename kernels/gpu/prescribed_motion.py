@@ -15,7 +15,7 @@ from .sync import warp_lanes
 
 @wp.func
 def plan_index(course: int, step: int):
-    """Index of a body's prescribed angle and speed at `step`, by its `prescribed_index`."""
+    """Index of a block's body's prescribed angle and speed at `step`, by its `prescribed_index`."""
     return course * PLANNED_STEPS + step % PLANNED_STEPS
 
 
@@ -34,7 +34,7 @@ class PrescribedMotionFunctions:
 
 @cache
 def prescribed_motion_functions(kind: BlockKind) -> PrescribedMotionFunctions:
-    """Prescribed motion functions for a block kind."""
+    """Prescribed motion functions of block kernels."""
     threads, rotors = kind.shape.threads, kind.parts.rotors
     Real, kinds, Now = kind.Real, kind.types, kind.types.Now
     Ensemble, Shared = kinds.Ensemble, kinds.Shared
@@ -46,7 +46,7 @@ def prescribed_motion_functions(kind: BlockKind) -> PrescribedMotionFunctions:
 
     @wp.func
     def prescribed_index(shared: Shared, b: int):
-        """Index of body b among those of prescribed angle; a valid one for any other body."""
+        """Index of a block's body b among those of prescribed angle; a valid one for any other body."""
         place = int(0)
         for other in range(rotors):
             if other < b and is_prescribed(shared, other):

@@ -35,7 +35,7 @@ class RollerFunctions:
 
 @cache
 def roller_functions(kind: BlockKind) -> RollerFunctions:
-    """Roller functions for a block kind."""
+    """Roller functions of block kernels."""
     Real, threads, slots, integrator = kind.Real, kind.shape.threads, kind.shape.slots, kind.integrator
     kinds = kind.types
     State, Shared = kinds.State, kinds.Shared
@@ -69,7 +69,7 @@ def roller_functions(kind: BlockKind) -> RollerFunctions:
 
     @wp.func
     def stretch_part(now: kinds.Now):
-        """Part of a step that stretches friction's bristles at this stage (`integrate.stretched_part`)."""
+        """Part of a block's step that stretches friction's bristles at this stage (`integrate.stretched_part`)."""
         if wp.static(kind.has_stages):
             return stretched_part(integrator, now.stage, Real(1.0))
         else:
@@ -182,7 +182,7 @@ STAGE_ROWS = 10
 
 @cache
 def roller_stage_function(kind: BlockKind) -> wp.Function:
-    """Function that moves a roller from stage to stage, for a block kind."""
+    """Function of block kernels that moves a roller from stage to stage."""
     Real, integrator = kind.Real, kind.integrator
     kinds, Now = kind.types, kind.types.Now
     vec2 = kinds.vec2

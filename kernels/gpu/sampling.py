@@ -37,7 +37,7 @@ class SamplingFunctions:
 
 @cache
 def sampling_functions(kind: BlockKind, frame: Any) -> SamplingFunctions:
-    """Sampling functions for a block kind, and frames of layout `frame`."""
+    """Sampling functions of block kernels, and frames of layout `frame`."""
     Real, threads, rollers_per_thread = kind.Real, kind.shape.threads, kind.shape.rollers_per_thread
     kinds, Now = kind.types, kind.types.Now
     Ensemble, State, Shared, Out = kinds.Ensemble, kinds.State, kinds.Shared, kinds.Out

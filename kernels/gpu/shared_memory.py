@@ -74,7 +74,7 @@ class ForceRows:
 
 @cache
 def force_rows(kind: BlockKind) -> ForceRows:
-    """First index of each shared row of forces of teeth on a silent chain's pins, for a block kind."""
+    """First index of each shared row of forces of teeth on a silent chain's pins, in block kernels."""
     before = shared_rows(kind.Real) + joint_rows(kind) + mass_rows(kind)
     firsts = {field.name: (before + k) * kind.shape.slots for k, field in enumerate(fields(ForceRows))}
     return type("ForceRows", (), firsts)
@@ -103,7 +103,7 @@ def extreme_values(kind: BlockKind) -> int:
 
 
 def strand_bits(kind: BlockKind) -> int:
-    """Number of bits for the strand of a link: a sprocket's, none of a chain, or no such link."""
+    """Number of bits for the strand of a block's link: a sprocket's, none of a chain, or no such link."""
     return (kind.parts.sprockets + kind.parts.chains).bit_length()
 
 
@@ -118,7 +118,7 @@ def joint_work_values(kind: BlockKind) -> int:
 
 
 def tally_places(kind: BlockKind) -> tuple[int, int, int]:
-    """Where links' squared rates and joint friction's work begin, after the extremes, and their end."""
+    """Where a block's squared link rates and joint work begin, after the extremes, and their end."""
     first = kind.shape.threads // WARP * extreme_values(kind)
     return first, first + kind.shape.slots, first + kind.shape.slots + joint_work_values(kind)
 

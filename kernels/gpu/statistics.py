@@ -20,7 +20,7 @@ from .shared_memory import array_view
 
 @wp.func
 def strand_note(drive: Drive, tallies: Tallies, category: int):
-    """Note of links' tensions on a strand so far, added in the links' order."""
+    """Note of a block's link tensions on a strand so far, added in the links' order."""
     note = Note()
     first = drive.first_tally + category * drive.rollers
     for at in range(first, first + drive.rollers):
@@ -39,7 +39,7 @@ class StatisticsFunctions:
 
 @cache
 def statistics_functions(kind: BlockKind) -> StatisticsFunctions:
-    """Statistics functions for a block kind."""
+    """Statistics functions of block kernels."""
     Real, threads = kind.Real, kind.shape.threads
     links = link_functions(kind)
     chains = chain_functions(kind)
@@ -108,7 +108,7 @@ def statistics_functions(kind: BlockKind) -> StatisticsFunctions:
 
 @wp.func
 def chain_note(sums: Any, drive: Drive, k: int, note: Note):
-    """Note k of a chain from that of its links on no strand and those of its strands."""
+    """Note k of a block's chain from that of its links on no strand and those of its strands."""
     for s in range(drive.first_sprocket, drive.first_sprocket + drive.sprockets):
         note.tension = note.tension + sums.strand_notes[s * NOTES + k].tension
         note.links = note.links + sums.strand_notes[s * NOTES + k].links

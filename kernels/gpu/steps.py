@@ -46,7 +46,7 @@ class StepFunctions:
 
 @cache
 def step_functions(kind: BlockKind, frame: Any) -> StepFunctions:
-    """Step functions for a block kind, and frames of layout `frame`."""
+    """Step functions of block kernels, and frames of layout `frame`."""
     Real, threads, rollers_per_thread = kind.Real, kind.shape.threads, kind.shape.rollers_per_thread
     roller_threads = threads - WARP  # where the last warp has none
     kinds, Now, Out = kind.types, kind.types.Now, kind.types.Out

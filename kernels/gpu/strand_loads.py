@@ -24,7 +24,7 @@ class StrandLoadFunctions:
 
 @cache
 def strand_load_functions(kind: BlockKind) -> StrandLoadFunctions:
-    """Strand load functions for a block kind."""
+    """Strand load functions of block kernels."""
     Real, threads, kinds = kind.Real, kind.shape.threads, kind.types
     Shared, Now = kinds.Shared, kinds.Now
     chains, rollers = chain_functions(kind), roller_functions(kind)

@@ -22,7 +22,7 @@ class StrandFunctions:
 
 @cache
 def strand_functions(kind: BlockKind) -> StrandFunctions:
-    """Strand functions for a block kind."""
+    """Strand functions of block kernels."""
     threads, rollers_per_thread, sprockets = kind.shape.threads, kind.shape.rollers_per_thread, kind.parts.sprockets
     kinds = kind.types
     Shared = kinds.Shared
@@ -33,7 +33,7 @@ def strand_functions(kind: BlockKind) -> StrandFunctions:
 
     @wp.func
     def strand_of_link(shared: Shared, strands: wp.array[Strand], first: int, j: int, n: int):
-        """Strand of link j, `first` being strand 0; S + r for none of chain r, the largest number for no such link."""
+        """Strand of a block's link j, `first` being strand 0; S + r for none of chain r, the largest for no link."""
         found = int(sprockets + chains.chain_number(shared, j))
         begin, count = chains.chain_span(shared, j, n)
         for s in range(sprockets):

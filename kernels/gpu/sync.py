@@ -95,7 +95,7 @@ def group_lanes() -> int:
 #endif
 """)
 def lowest_bit(mask: int) -> int:
-    """Position of the lowest bit set in `mask`, which is not zero."""
+    """Position of the lowest bit set in a block's `mask`, which is not zero."""
 
 
 def _addition(of: str, letter: str) -> str:
@@ -107,12 +107,12 @@ def _addition(of: str, letter: str) -> str:
 
 @wp.func_native(_addition("f64", "d"))
 def add_to_element(sums: wp.array[wp.float64], at: int, value: wp.float64):
-    """Adds `value` atomically to element `at` in global memory, without waiting."""
+    """Adds `value` atomically to element `at` in a GPU's global memory, without waiting."""
 
 
 @wp.func_native(_addition("u32", "r"))
 def add_to_element(sums: wp.array[wp.int32], at: int, value: int):
-    """Adds `value` atomically to a count, element `at` in global memory, without waiting."""
+    """Adds `value` atomically to a count, element `at` in a GPU's global memory, without waiting."""
 
 
 @wp.func_native("""
@@ -124,7 +124,7 @@ def add_to_element(sums: wp.array[wp.int32], at: int, value: int):
 #endif
 """)
 def raise_element(values: wp.array[wp.float64], at: int, value: wp.float64):
-    """Raises element `at` in global memory, not negative, to `value`, without waiting."""
+    """Raises element `at` in a GPU's global memory, not negative, to `value`, without waiting."""
 
 
 @wp.func_native("""
@@ -136,7 +136,7 @@ def raise_element(values: wp.array[wp.float64], at: int, value: wp.float64):
 #endif
 """)
 def float64_from_float32(value: wp.float32) -> wp.float64:
-    """Float32 as float64, without an instruction of float64; inexact below 1e-38."""
+    """Float32 as float64, without a GPU's instructions of float64; inexact below 1e-38."""
 
 
 def _field_additions(**types_of: str) -> str:
@@ -200,7 +200,7 @@ class SyncFunctions:
 
 @cache
 def sync_functions(kind: BlockKind) -> SyncFunctions:
-    """Synchronization functions for a block kind."""
+    """Synchronization functions of block kernels."""
     Real, threads = kind.Real, kind.shape.threads
 
     @wp.func_native(WARP_BARRIER if threads == WARP else BARRIER)

@@ -28,7 +28,7 @@ class ToothFunctions:
 
 @cache
 def tooth_functions(kind: BlockKind) -> ToothFunctions:
-    """Tooth contact functions for a block kind."""
+    """Tooth contact functions of block kernels."""
     Real = kind.Real
     kinds, Now = kind.types, kind.types.Now
     State, Shared = kinds.State, kinds.Shared
@@ -43,7 +43,7 @@ def tooth_functions(kind: BlockKind) -> ToothFunctions:
 
     @wp.func
     def is_moment_wanted(now: Now, s: int):
-        """Whether the moment of teeth on sprocket s is wanted: always with metrics."""
+        """Whether a block wants the moment of teeth on sprocket s: always with metrics."""
         if wp.static(kind.measuring):
             return True
         else:
@@ -60,7 +60,7 @@ def tooth_functions(kind: BlockKind) -> ToothFunctions:
         j: int,
         contact: contacts.Contact,
     ):
-        """Adds the force of a sprocket's teeth to roller j's, and its reaction to the sprocket."""
+        """Adds the force of a sprocket's teeth to a block's roller j's, and its reaction to the sprocket."""
         s = contact.partner
         at = chains.contact_memory(shared, mine, j, s)
         closer, arm = tooth_gaps.contact_in_gap(ensemble, state, shared, at, j, contact)
@@ -79,9 +79,9 @@ def tooth_functions(kind: BlockKind) -> ToothFunctions:
     def add_straight_flank_force(
         state: State, tallies: Tallies, shared: Shared, mine: ThreadParts, now: Now, j: int, contact: contacts.Contact
     ):
-        """Adds the force of straight-flanked teeth to roller j's, with few branches; 0, without effect, if it cannot.
+        """Adds the force of straight-flanked teeth to a block's roller j's, with few branches; 0 if it cannot.
 
-        It can for a kept seat, a law linear and hysteretic, and a straight flank.
+        It can for a kept seat, a law linear and hysteretic, and a straight flank; else it has no effect.
         """
         s, before = contact.partner, contact.impact_speed
         at = chains.contact_memory(shared, mine, j, s)

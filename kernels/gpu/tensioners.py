@@ -45,7 +45,7 @@ class TensionerFunctions:
 
 @cache
 def tensioner_functions(kind: BlockKind) -> TensionerFunctions:
-    """Tensioner functions for a block kind."""
+    """Tensioner functions of block kernels."""
     chains = chain_functions(kind)
     oil_warp = oil_warp_functions(kind)
     rollers = roller_functions(kind)
@@ -55,7 +55,7 @@ def tensioner_functions(kind: BlockKind) -> TensionerFunctions:
 
     @wp.func
     def tensioner_at(ensemble: Ensemble, t: int):
-        """Tensioner t of all, with constants of the kernel's kind."""
+        """Tensioner t of all, with constants of the block kernel's kind."""
         tensioner = ensemble.tensioners[t]
         if wp.static(not kind.parts.hydraulic):
             tensioner.hydraulic = 0  # so that the compiler knows
@@ -130,7 +130,7 @@ def tensioner_functions(kind: BlockKind) -> TensionerFunctions:
     def advance_oil(
         ensemble: Ensemble, state: State, t: int, x: kinds.Number, rate: kinds.Real, h: kinds.Real, metered: bool
     ):
-        """Advances the oil of tensioner t of all by `h` [s], its plunger then at `x` [m] at `rate` [m/s]."""
+        """Advances the oil of a block's tensioner t of all by `h` [s], its plunger then at `x` [m] at `rate` [m/s]."""
         tensioner = tensioner_at(ensemble, t)
         if wp.static(kind.parts.tabulated_supply):
             if tensioner.supply_table.cells > 0:

@@ -37,7 +37,7 @@ class ToothGapFunctions:
 
 @cache
 def tooth_gap_functions(kind: BlockKind) -> ToothGapFunctions:
-    """Tooth gap functions for a block kind."""
+    """Tooth gap functions of block kernels."""
     contacts = contact_functions(kind)
     chains = chain_functions(kind)
     whole_access = row_access(wp.int32)
@@ -48,14 +48,14 @@ def tooth_gap_functions(kind: BlockKind) -> ToothGapFunctions:
 
     @wp.func
     def seat_direction(ensemble: Ensemble, number: int):
-        """Direction of a seat at angle zero, by its number among all."""
+        """Direction of a tooth seat at angle zero, by its number among all of the block's ensemble."""
         return load_constant(ensemble.seats, number)
 
     @wp.func
     def with_sprocket(
         ensemble: Ensemble, state: State, shared: Shared, mine: ThreadParts, contact: contacts.Contact, j: int, s: int
     ):
-        """Contact with what roller j remembers of sprocket s."""
+        """Block's contact with what roller j remembers of sprocket s."""
         at = chains.contact_memory(shared, mine, j, s)
         contact.partner = s
         contact.seat = whole_access.load(state.seat, at)
@@ -76,7 +76,7 @@ def tooth_gap_functions(kind: BlockKind) -> ToothGapFunctions:
 
     @wp.func
     def velocity_from_center(shared: Shared, j: int, s: int):
-        """Velocity [m/s] of roller j relative to the center of sprocket s."""
+        """Velocity [m/s] of a block's roller j relative to the center of sprocket s."""
         v = rollers.velocity(shared.rows, j)
         if wp.static(kind.moving):
             v = v - leading_value(shared.poses[s].velocity)
@@ -84,7 +84,7 @@ def tooth_gap_functions(kind: BlockKind) -> ToothGapFunctions:
 
     @wp.func
     def contact_in_gap(ensemble: Ensemble, state: State, shared: Shared, at: int, j: int, contact: contacts.Contact):
-        """Contact of roller j with its kinematics in the tooth gap, and its arm [m]; the seat is kept at `at`."""
+        """Block's contact of roller j with its kinematics in the tooth gap, and its arm [m]; `at` keeps the seat."""
         s = contact.partner
         teeth = shared.teeth[s]
         body = shared.poses[s]
@@ -104,7 +104,7 @@ def tooth_gap_functions(kind: BlockKind) -> ToothGapFunctions:
 
     @wp.func
     def contact_in_straight_gap(shared: Shared, teeth: kinds.Sprocket, j: int, contact: contacts.Contact):
-        """Contact of roller j in a straight-flanked gap, its arm [m], and 1 where `straight_flank_gap` applies."""
+        """Block's contact of roller j in a straight-flanked gap, its arm [m], and 1 where that applies."""
         body = shared.poses[contact.partner]
         p = difference(rollers.exact_position(shared.rows, j), body.center)
         e, radial, xi, lateral = gap_coordinates(p, contact.direction, body, teeth)

@@ -25,7 +25,7 @@ class TrainMomentFunctions:
 
 @cache
 def train_moment_functions(kind: BlockKind) -> TrainMomentFunctions:
-    """Train moment functions for a block kind."""
+    """Train moment functions of block kernels."""
     Real, rotors, kinds = kind.Real, kind.parts.rotors, kind.types
     Ensemble, Shared, Now = kinds.Ensemble, kinds.Shared, kinds.Now
     prescribed_motion = prescribed_motion_functions(kind)
@@ -57,7 +57,7 @@ def train_moment_functions(kind: BlockKind) -> TrainMomentFunctions:
 
     @wp.func
     def speed_and_acceleration_now(ensemble: Ensemble, shared: Shared, mine: ThreadParts, now: Now, b: int):
-        """Angular velocity [rad/s] and acceleration [rad/s^2] of a train's body b at the step's instant."""
+        """Angular velocity [rad/s] and acceleration [rad/s^2] of a block's train's body b at the step's instant."""
         pose, motion = shared.poses[b], shared.motions[b]
         speed, angular = leading_value(pose.speed), train_moment(shared, mine, now, b) * motion.inverse_inertia
         if wp.static(not kind.has_stages):

@@ -32,7 +32,7 @@ class TrainSumFunctions:
 
 @cache
 def train_sum_functions(kind: BlockKind, frame: Any) -> TrainSumFunctions:
-    """Train sum functions for a block kind, and frames of layout `frame`."""
+    """Train sum functions of block kernels, and frames of layout `frame`."""
     Real, sprockets, rotors = kind.Real, kind.parts.sprockets, kind.parts.rotors
     kinds, Now, Out = kind.types, kind.types.Now, kind.types.Out
     Ensemble, State, Shared = kinds.Ensemble, kinds.State, kinds.Shared

@@ -29,7 +29,7 @@ class TrainFunctions:
 
 @cache
 def train_functions(kind: BlockKind, frame: Any) -> TrainFunctions:
-    """Train functions for a block kind, and frames of layout `frame`."""
+    """Train functions of block kernels, and frames of layout `frame`."""
     kinds, Now, Out = kind.types, kind.types.Now, kind.types.Out
     Ensemble, State, Shared, Wrench = kinds.Ensemble, kinds.State, kinds.Shared, kinds.Wrench
     loads, prescribed_motion = load_functions(kind), prescribed_motion_functions(kind)

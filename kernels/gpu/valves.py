@@ -30,7 +30,7 @@ class ValveFunctions:
 
 @cache
 def valve_functions(kind: BlockKind, frame: Any) -> ValveFunctions:
-    """Valve functions for a block kind, and frames of layout `frame`."""
+    """Valve functions of block kernels, and frames of layout `frame`."""
     kinds, Now, Out = kind.types, kind.types.Now, kind.types.Out
     Ensemble, State, Shared = kinds.Ensemble, kinds.State, kinds.Shared
     chains = chain_functions(kind)
@@ -61,7 +61,7 @@ def valve_functions(kind: BlockKind, frame: Any) -> ValveFunctions:
 
     @wp.func
     def first_cam(ensemble: Ensemble, mine: ThreadParts, v: int):
-        """Number of the first cam of valve group v of all among the variant's."""
+        """Number of the first cam of valve group v of all among the block's."""
         first = int(ensemble.valves[v].first_cam)
         for r in range(wp.static(kind.parts.chains - 1)):  # and those of the chains before
             before = ensemble.drives[mine.variant + r]
@@ -72,7 +72,7 @@ def valve_functions(kind: BlockKind, frame: Any) -> ValveFunctions:
 
     @wp.func
     def next_group_on_body(ensemble: Ensemble, drive: Drive, b: int, v: int):
-        """First group of valves from `v` on that is on body b of a drive, or their end."""
+        """First group of a block's valves from `v` on that is on body b of a drive, or their end."""
         at = int(v)
         while at < drive.first_valve + drive.valves and ensemble.valves[at].body != b:
             at = at + 1

@@ -45,7 +45,7 @@ class WarpStepFunctions:
 
 @cache
 def warp_step_functions(kind: BlockKind, frame: Any) -> WarpStepFunctions:
-    """Warp step functions for a block kind, and frames of layout `frame`."""
+    """Warp step functions of block kernels, and frames of layout `frame`."""
     Real = kind.Real
     kinds, Now, Out = kind.types, kind.types.Now, kind.types.Out
     Ensemble, State, Shared = kinds.Ensemble, kinds.State, kinds.Shared

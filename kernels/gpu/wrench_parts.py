@@ -31,7 +31,7 @@ class WrenchPartFunctions:
 
 @cache
 def wrench_part_functions(kind: BlockKind) -> WrenchPartFunctions:
-    """Wrench part functions for a block kind."""
+    """Wrench part functions of block kernels."""
     Real, threads, body_count = kind.Real, kind.shape.threads, kind.parts.bodies
     kinds, Now = kind.types, kind.types.Now
     Shared = kinds.Shared
@@ -43,7 +43,7 @@ def wrench_part_functions(kind: BlockKind) -> WrenchPartFunctions:
 
     @wp.func
     def is_force_wanted(measured: int):
-        """Whether rollers' force on sprockets is wanted beside the moment."""
+        """Whether a block wants rollers' force on sprockets beside the moment."""
         if wp.static(kind.moving):
             return True
         else:
@@ -60,30 +60,30 @@ def wrench_part_functions(kind: BlockKind) -> WrenchPartFunctions:
 
     @wp.func
     def add_part(shared: Shared, at: int, value: Real):
-        """Adds `value` to the wrench part at `at`."""
+        """Adds `value` to a block's wrench part at `at`."""
         access.store(shared.wrench_parts, at, access.load(shared.wrench_parts, at) + value)
 
     @wp.func
     def add_moment(shared: Shared, mine: ThreadParts, s: int, j: int, moment: Real):
-        """Adds the moment [N m] of roller j's force to the parts of body s."""
+        """Adds the moment [N m] of a block's roller j's force to the parts of body s."""
         add_part(shared, part_index(mine, 0, s, j), moment)
 
     @wp.func
     def add_reaction(shared: Shared, mine: ThreadParts, s: int, j: int, force: vec2):
-        """Adds the opposite of roller j's force [N] to the parts of body s."""
+        """Adds the opposite of a block's roller j's force [N] to the parts of body s."""
         add_part(shared, part_index(mine, 1, s, j), -force[0])
         add_part(shared, part_index(mine, 2, s, j), -force[1])
 
     @wp.func
     def add_wrench(shared: Shared, mine: ThreadParts, s: int, j: int, moment: Real, force: vec2, measured: int):
-        """Adds the moment [N m] and, if wanted, the opposite of roller j's force [N] to the parts of body s."""
+        """Adds moment [N m] and, if wanted, opposite of a block's roller j's force [N] to the parts of body s."""
         add_moment(shared, mine, s, j, moment)
         if is_force_wanted(measured):
             add_reaction(shared, mine, s, j, force)
 
     @wp.func
     def add_wrench_on_carrier(shared: Shared, mine: ThreadParts, now: Now, s: int, j: int, force: vec2):
-        """Adds the wrench of roller j's force to the parts of the arm that carries sprocket s, if any."""
+        """Adds the wrench of a block's roller j's force to the parts of the arm that carries sprocket s, if any."""
         if wp.static(kind.parts.hubs):
             arm = shared.hubs[s].arm
             if arm != GROUND:
@@ -166,7 +166,7 @@ def wrench_part_functions(kind: BlockKind) -> WrenchPartFunctions:
 
     @wp.func
     def wrench_from_vector(acting: of_three):
-        """Wrench from `chain_moment_and_force`; with the force where bodies move."""
+        """Wrench on a block's body from `chain_moment_and_force`; with the force where bodies move."""
         wrench = kinds.Wrench()
         wrench.moment = acting[0]
         if wp.static(kind.moving):
