@@ -84,7 +84,7 @@ def tooth_gap_functions(kind: BlockKind) -> ToothGapFunctions:
 
     @wp.func
     def contact_in_gap(ensemble: Ensemble, state: State, shared: Shared, at: int, j: int, contact: contacts.Contact):
-        """Block's contact of roller j with its kinematics in the tooth gap, and its arm [m]; `at` keeps the seat."""
+        """Block's contact of roller j with its kinematics in the tooth gap, and its arm [m]; its seat is at `at`."""
         s = contact.partner
         teeth = shared.teeth[s]
         body = shared.poses[s]

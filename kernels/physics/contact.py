@@ -9,7 +9,7 @@ Leapfrog's forces go by the penetration's mean over the step, with w = |v| h / 2
 
     pen' = pen  where pen >= w,   (pen + w)^2 / (4 w)  where -w < pen < w,   else 0,                          (a)
 
-and a contact begins at v0 = v - a pen / v, at most v - a h / 2, a the closing acceleration.
+and a contact begins at v0 = v - a min(pen, w) / v, a the closing acceleration.
 """
 
 from typing import Any

@@ -162,7 +162,7 @@ def grid_product(part: Pair, radius: Pair, magic: wp.float32):
 
 @wp.func
 def grid_magic(radius: wp.float32):
-    """Magic number of `grid_value` for a sprocket's pitch radius [m]: 2^-12 of the power of two above."""
+    """Magic number of `grid_value` for a sprocket's pitch radius [m]: a grid of 2^-12 of the power of two above."""
     return 3072.0 * wp.pow(2.0, wp.floor(wp.log2(radius)) + 1.0)
 
 

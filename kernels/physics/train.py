@@ -171,7 +171,7 @@ def coupling_state(time: Any, first: Any, second: Any, before: Any, coupling: An
 
 @wp.func
 def own_body_energy(energy: wp.float64, speed: wp.float64, motion: Any):
-    """Energy [J] of a train from one body's, whose inertia becomes its own alone."""
+    """Energy [J] of a train's body by its own inertia alone, from `energy` by the train's."""
     if motion.prescribed == 0:
         others = wp.float64(motion.own_inertia) - wp.float64(1.0) / wp.float64(motion.inverse_inertia)
         energy = energy + wp.float64(0.5) * speed * speed * others

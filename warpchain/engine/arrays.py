@@ -341,7 +341,10 @@ class Engine(ABC):
 
     @abstractmethod
     def advance(self, steps: Any, frames: Any) -> list[Future[None]]:
-        """Starts a launch of every variant by `steps`, or, with `has_own_steps`, (variants,); frames go to `frames`."""
+        """Starts a launch of `steps` steps of every variant, frames going to `frames`.
+
+        `steps` may be (variants,) where the engine `has_own_steps`.
+        """
 
     @abstractmethod
     def start_settling(self, settling: NDArray[Any]) -> None:
@@ -392,7 +395,7 @@ class Engine(ABC):
         """Waits for the engine's launches, and frees threads and memory."""
 
     def take_steps(self, steps: int | NDArray[np.integer], frames: Any) -> None:
-        """Takes all rows, or each (rows,), by so many steps, frames going to `frames`, and waits."""
+        """Takes `steps` steps of all rows, or of each (rows,), and waits; frames go to `frames`."""
         for future in self.advance(steps, frames):
             future.result()
 

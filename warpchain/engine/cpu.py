@@ -98,13 +98,13 @@ class CpuEngine(Engine):
             self._step_rows(first, end, int(steps[first]), frames)
 
     def _step_rows(self, first: int, end: int, steps: int, frames: wp.array) -> None:
-        """Takes rows `first` to before `end` by `steps` steps, on the CPU's pool."""
+        """Takes `steps` steps of rows `first` to before `end`, on the CPU's pool."""
         before = [self.ensemble, self.state, self.cpu_sums, frames]
         for future in self._launch("advance", before, [0, steps], first, end):
             future.result()
 
     def _step_here(self, steps: int, frames: wp.array) -> None:
-        """Takes all rows by `steps` steps in this thread; one variant alone stays in the scratch until `_put_back`."""
+        """Takes `steps` steps of all rows in this thread; one variant alone stays in the scratch until `_put_back`."""
         if self._recorded is None or self._recorded[1] is not frames:
             self._put_back()
             self._recorded = self.recorded_launch(frames, steps)[0], frames, steps

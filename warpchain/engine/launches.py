@@ -60,7 +60,7 @@ def split_launches(
     begins: NDArray[np.integer],
     parts: int,
 ) -> Iterator[Launch]:
-    """Yields the GPU launches that take variants by their steps.
+    """Yields the GPU launches that take variants' steps.
 
     Args:
         variants: their numbers, most steps first.
