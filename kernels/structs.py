@@ -595,7 +595,7 @@ class MountSums:
 
 @wp.struct
 class ArmSums:
-    """Window's sums of an arm (time integrals)."""
+    """Window's sums of an arm."""
 
     angle_min: wp.float64  # [rad]
     angle_max: wp.float64
@@ -609,7 +609,7 @@ class ArmSums:
 
 @wp.struct
 class ShaftSums:
-    """Window's sums of a shaft (time integrals)."""
+    """Window's sums of a shaft."""
 
     speed_min: wp.float64  # [rad/s]
     speed_max: wp.float64
@@ -623,7 +623,7 @@ class ShaftSums:
 
 @wp.struct
 class CouplingSums:
-    """Window's sums of a coupling (time integrals)."""
+    """Window's sums of a coupling."""
 
     twist_min: wp.float64  # [rad]
     twist_max: wp.float64
@@ -638,7 +638,7 @@ class CouplingSums:
 
 @wp.struct
 class GearSums:
-    """Window's sums of a gear pair (time integrals)."""
+    """Window's sums of a gear pair."""
 
     force_max: wp.float64  # [N]
     force: wp.float64  # its magnitude [N s]
@@ -647,7 +647,7 @@ class GearSums:
 
 @wp.struct
 class ValveSums:
-    """Window's sums of a valve group (time integrals)."""
+    """Window's sums of a valve group."""
 
     torque_min: wp.float64  # against forward rotation [N m]
     torque_max: wp.float64
@@ -673,7 +673,7 @@ class TensionerFlows:
 
 @wp.struct
 class TensionerSums:
-    """Window's sums of a tensioner (time integrals), and flows."""
+    """Window's sums of a tensioner, and flows."""
 
     force_min: wp.float64  # [N]
     force_max: wp.float64
