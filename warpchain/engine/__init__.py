@@ -52,7 +52,7 @@ def _init_warp() -> None:
 
 
 def start_warp(precompiled: bool = True) -> None:
-    """Starts Warp, once, without its messages; CUDA's compiler may warn of `precompiled` headers."""
+    """Starts Warp, once, silently; CUDA's compiler may warn of `precompiled` headers."""
     import warp as wp
 
     if _is_warp_started():

@@ -1,7 +1,4 @@
-"""Table of an ensemble's arrays, `ARRAYS`, from which they are packed, cast, uploaded, summed up and kept.
-
-A new array is a row of it; a new field of a struct of `kernels.structs` needs nothing here.
-"""
+"""Table of an ensemble's arrays, `ARRAYS`, from which they are packed, cast, uploaded, summed up and kept."""
 
 from __future__ import annotations
 
@@ -61,7 +58,7 @@ DIMENSIONS = {
 
 
 def first_places(drives: NDArray[Any]) -> dict[str, NDArray[np.int64]]:
-    """Places (variants + 1,) of variants' first items, by dimension of arrays."""
+    """Places (variants + 1,) of variants' first items in arrays, by dimension."""
     return {
         name: np.append(0, np.cumsum(kind.count(drives).astype(np.int64), dtype=np.int64))
         for name, kind in DIMENSIONS.items()
@@ -69,7 +66,7 @@ def first_places(drives: NDArray[Any]) -> dict[str, NDArray[np.int64]]:
 
 
 def fill_first_places(drives: NDArray[Any]) -> NDArray[Any]:
-    """Fills places of first items into rows of `structs.Drive`, which it returns."""
+    """Fills places of first items into `structs.Drive` rows; returns these."""
     for name, places in first_places(drives).items():
         if DIMENSIONS[name].first:
             drives[DIMENSIONS[name].first] = places[:-1]
@@ -202,7 +199,7 @@ PACKED_ARRAYS = {
 
 @cache
 def array_type(group: str, name: str, real: type, blocks: bool = False) -> Any:
-    """Warp type of an ensemble array's values, on the CPU or in `blocks`."""
+    """Warp type of an array's values, on the CPU or in `blocks`."""
     kinds = structs.types(real, blocks)
     of_group = {
         "ensemble": kinds.Ensemble,
@@ -240,19 +237,19 @@ def _upload_array(packed: Any, group: str, name: str, device: str, blocks: bool)
 
 
 def device_values(array: wp.array, group: str, name: str, real: type) -> NDArray[Any]:
-    """Values of an ensemble's array on a device, in the CPU's types."""
+    """Values of a device's array, in the CPU's types."""
     values: NDArray[Any] = array.numpy()
     kind = dtype_of(array_type(group, name, real))
     return values if values.dtype == kind else as_float64(values, kind)
 
 
 def assign_values(array: wp.array, values: NDArray[Any]) -> None:
-    """Sets an ensemble's array on a device from values in the CPU's types."""
+    """Sets a device's array from values in the CPU's types."""
     array.assign(as_float32(values, dtype_of(array.dtype)))
 
 
 def upload_ensemble(packed: Any, device: str, blocks: bool = False) -> Any:
-    """Constant data of an ensemble (`structs.types(...).Ensemble`) on a device."""
+    """Constant data of an ensemble (`structs.Ensemble`) on a device."""
     kinds = structs.types(packed.real, blocks)
     ensemble = kinds.Ensemble()
     for name in ARRAYS["ensemble"]:
@@ -261,7 +258,7 @@ def upload_ensemble(packed: Any, device: str, blocks: bool = False) -> Any:
 
 
 def upload_state(packed: Any, device: str, large: tuple[int, int] | None = None) -> Any:
-    """Initial state of an ensemble (`structs.types(...).State`) on a device.
+    """Initial state of an ensemble (`structs.State`) on a device.
 
     `large`: values, and values of parts, in global memory.
     """
@@ -287,7 +284,7 @@ def upload_state(packed: Any, device: str, large: tuple[int, int] | None = None)
 
 
 def empty_sums(packed: Any, device: str, blocks: bool = False) -> Any:
-    """Empty sums of an ensemble (`types(...).Sums`): minima at +infinity, maxima at -infinity."""
+    """Empty sums of an ensemble (`structs.Sums`): minima at +infinity, maxima at -infinity."""
     sums = structs.types(packed.real, blocks).Sums()
     for name, count in array_lengths(packed.drives, "sums").items():
         struct = array_type("sums", name, packed.real, blocks)
@@ -330,10 +327,7 @@ class FrameSource(Protocol):
 
 
 class Engine(ABC):
-    """Engine that steps an ensemble: `cpu.CpuEngine` or `gpu.GpuEngine`.
-
-    Its changing arrays have the groups and names of `ARRAYS`.
-    """
+    """Engine that steps an ensemble: `cpu.CpuEngine` or `gpu.GpuEngine`."""
 
     packed: Any
     has_own_steps = False
@@ -380,10 +374,10 @@ class Engine(ABC):
 
     @abstractmethod
     def set_constants(self, name: str, values: NDArray[Any]) -> None:
-        """Sets an array of an engine's constant data between launches."""
+        """Sets an array of an engine's constants between launches."""
 
     def constants_view(self, name: str) -> NDArray[Any] | None:
-        """View of an array of an engine's constant data, None on a GPU."""
+        """View of an array of an engine's constants, None on a GPU."""
         return None
 
     def diverged_view(self) -> NDArray[Any] | None:
@@ -421,5 +415,5 @@ class Engine(ABC):
         return self.fetch_array("state", "bodies")
 
     def progress(self) -> NDArray[Any]:
-        """Copy (variants,) of an engine's `structs.Progress`: next step, whether diverged."""
+        """Copy (variants,) of an engine's progress: next step, whether diverged."""
         return self.fetch_array("state", "progress")

@@ -51,7 +51,7 @@ FACE_MARGIN = 0.25
 
 
 def has_profile_face(model: ChainModel, g: int) -> bool:
-    """Whether kernels take guide g of a drive as a profile."""
+    """Whether kernels take guide g as a profile."""
     return not model.guides[g].straight or model.guides[g].arm is not None
 
 
@@ -61,7 +61,7 @@ def piece_count(model: ChainModel) -> int:
 
 
 def fill_profile_face(row: Any, pieces: Any, first: int, model: ChainModel, g: int) -> int:
-    """Fills the face of profiled guide g into `structs.Guide`; returns rows of pieces used."""
+    """Fills the face of profiled guide g into `structs.Guide`; returns pieces used."""
     profile, arm = model.profile(g), model.arm_of(g)
     origin = np.zeros(2) if arm is None else np.asarray(model.arms[arm].pivot)  # the same for all of a stack
     row["body"] = GROUND if arm is None else model.first_arm_body + arm
@@ -110,7 +110,7 @@ def arm_effective_mass(model: ChainModel, a: int) -> float:
 
 
 def squared_levers(model: ChainModel, a: int, rollers: Sequence[Any]) -> Any:
-    """Squared levers n r^2 + sum z d^2 [m^2] of the rollers on arm a."""
+    """Squared levers n r^2 + sum z d^2 [m^2] of an arm's rollers."""
     on_faces = sum(model.profile(g).face_length / model.chain.pitch + 2.0 for g in model.guides_of(a))
     square = on_faces * power(model.arm_lever(a), 2)
     return square + sum(rollers[s] * power(model.center_lever(s), 2) for s in model.sprockets_on(a))
@@ -154,7 +154,7 @@ def _mass_moment(model: ChainModel, a: int) -> NDArray[np.float64]:
 
 
 def fill_place_tables(row: Any, table: PlaceTable | None, tables: TableList) -> None:
-    """Fills the tables of a `structs.Mount` whose center follows a table."""
+    """Fills the tables of a `structs.Mount` whose center follows one."""
     for axis in "xy":
         column = None if table is None else table.displacement_along(axis)
         if column is not None:
@@ -222,7 +222,7 @@ def _expansion_pressure(pressure: Any, oil: Any) -> Any:
 
 
 def oil_energies(oil: Any) -> tuple[Any, Any]:
-    """Energies of oil [Pa] at rest and of supplied oil, for `structs.Tensioner`."""
+    """Energies of oil [Pa] at rest and supplied, for `structs.Tensioner`."""
     still = _expansion_pressure(oil.ambient, oil)
     return still, _expansion_pressure(oil.supply, oil) - still
 
@@ -269,7 +269,7 @@ def fill_train_counts(row: Any, model: ChainModel) -> None:
 
 
 def is_tied(model: ChainModel) -> bool:
-    """Whether a drive's bodies are tied: in trains or by valves."""
+    """Whether a drive's bodies are tied in trains or by valves."""
     return has_trains(model) or bool(model.valves)
 
 

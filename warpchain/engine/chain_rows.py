@@ -1,6 +1,6 @@
 """Chain rows of packed ensembles: one for each chain of each variant, those of a variant one after the other.
 
-Bodies of one shaft or train are tied together once each chain is packed and settled.
+Each chain is packed and settled alone; then bodies of one shaft or train are tied.
 """
 
 from __future__ import annotations
@@ -91,9 +91,7 @@ class ChainRows:
         )
 
     def couple_chains(self, packed: PackedEnsemble, numbers: NDArray[np.int64] | None = None) -> None:
-        """Ties the chains of each variant in `packed`, in float64.
-
-        `numbers` are the variants' in the run, for errors.
+        """Ties the chains of each variant in `packed`, in float64; `numbers` are for errors.
 
         Raises:
             DriveError: chains that cross in one plane.
@@ -163,7 +161,7 @@ TRAIN_FIELDS = (
 
 
 def _tie_body_to(packed: PackedEnsemble, home: int, body: int) -> None:
-    """Ties `body` to body `home` of the same shaft in another chain."""
+    """Ties `body` to `home` of the same shaft in another chain."""
     motions = packed.motions
     motions["shaft_offset"][body], motions["own_inertia"][home] = home - body, 0.0
     for name in TRAIN_FIELDS:
@@ -174,7 +172,7 @@ def _tie_body_to(packed: PackedEnsemble, home: int, body: int) -> None:
 
 
 def _sum_contacts_over_chains(packed: PackedEnsemble, members: Sequence[ChainSprocket]) -> None:
-    """Fills a train's contact mobility and effective mass (as of `struct_rows.tooth_effective_mass`) over chains."""
+    """Fills a train's contact mobility and effective mass (`struct_rows.tooth_effective_mass`) over chains."""
     rows, _, sprockets = (np.array(of) for of in zip(*members, strict=True))
     sum_mobility_over_chains(packed, rows, sprockets)
     mass, stopped = packed.chains["mass"][rows], packed.tooth_friction["inertia"]

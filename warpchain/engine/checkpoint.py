@@ -1,8 +1,7 @@
 """Checkpoints: states of variants within a run, from which a longer run continues bit by bit.
 
-One is kept before the last step of the window that is a multiple of `DIVERGENCE_CHECK`. A longer run continues with the
-sums where its window begins at the same step, and samples and notes agree; without them, on a CPU, where it begins
-later.
+Each is of the last multiple of `DIVERGENCE_CHECK` in the window. A longer run continues with the sums where its window
+begins at the same step, and samples and notes agree; without them, on a CPU, where it begins later.
 """
 
 from __future__ import annotations
@@ -128,7 +127,7 @@ def has_usable_sums(kept: VariantState, schedule: Schedule) -> bool:
 
 
 def usable_notes(kept: VariantState, schedule: Schedule) -> list[tuple[int, int]] | None:
-    """Pairs of notes of the longer run and the checkpoint, or None."""
+    """Pairs of notes of the longer run and checkpoint, or None."""
     first, last = kept.facts["window"]
     every = schedule.sample_interval
     wanted = note_steps(schedule.window_start, schedule.window_end, every)
@@ -148,7 +147,7 @@ def _is_usable(kept: VariantState, drive: Drive, schedule: Schedule, run: str) -
 
 
 def _is_on_cpu(run: str) -> bool:
-    """Whether `run`, a checkpoint's precision and device, is on a CPU."""
+    """Whether a checkpoint's `run`, precision and device, is on a CPU."""
     return run.endswith("cpu")
 
 
@@ -201,7 +200,7 @@ class StateKeeper:
         ]
 
     def take_over_settling(self, packed: PackedEnsemble, settled: NDArray[Any], left: NDArray[np.float64]) -> None:
-        """Takes boxes and settling from checkpoints, and notes them for new ones."""
+        """Takes boxes and settling from checkpoints, and notes new ones."""
         for v, kept in enumerate(self.begin):
             if kept is not None:
                 facts = kept.facts
@@ -248,7 +247,7 @@ class StateKeeper:
 
 
 def _checkpoint_arrays(engine: Engine) -> dict[tuple[str, str], NDArray[Any]]:
-    """Copies of an engine's arrays in checkpoints, by group and name."""
+    """Copies of an engine's arrays in checkpoints, by name."""
     return {
         (group, name): engine.fetch_array(group, name)
         for group in engine.changing_structs()

@@ -1,7 +1,4 @@
-"""Compilation of kernels that Warp's cache lacks: the CPU's in threads, a GPU's in processes.
-
-One that fails is compiled, with its error, when loaded.
-"""
+"""Compilation of kernels that Warp's cache lacks: the CPU's in threads, a GPU's in processes."""
 
 from __future__ import annotations
 
@@ -59,7 +56,7 @@ PORTABLE_PROCESSOR = "x86-64-v3"
 
 
 def portable_object(kernel: wp.Kernel) -> tuple[Path, str]:
-    """Object file of a CPU kernel for any `PORTABLE_PROCESSOR`, and its symbol; compiled if need be."""
+    """Object file of a CPU kernel for any `PORTABLE_PROCESSOR`, compiled if need be, and its symbol."""
     import warp as wp
 
     module = kernel.module
@@ -133,10 +130,7 @@ def compile_jobs(wanted: Iterable[KernelSpec], device: str) -> Iterator[CompileJ
 
 
 def compile_in_processes(jobs: Sequence[CompileJob], cores: int, report: ProgressReport, stop: StopRequest) -> None:
-    """Compiles kernels in processes, longest jobs first, until a stop is asked for.
-
-    A single one is left to the caller.
-    """
+    """Compiles kernels in processes, longest jobs first, until a stop is asked for; the caller has a single one."""
     left = list({job.path: job for job in jobs}.values())
     processes: list[tuple[CompileJob, subprocess.Popen[bytes]]] = []
     count, running = len(left), 0

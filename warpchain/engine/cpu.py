@@ -67,12 +67,12 @@ class CpuEngine(Engine):
     def _launch(
         self, name: str, before: list[Any], after: list[Any], begin: int = 0, end: int | None = None
     ) -> list[Future[None]]:
-        """Launches a CPU kernel over variants `begin` to before `end`, by default all, on the pool."""
+        """Launches a CPU kernel over variants `begin` to before `end`, by default all."""
         kernel, end = self._kernel(name), self.variants if end is None else end
         group = max(1, -(-(end - begin) // (8 * self.workers)))
 
         def work(first: int) -> None:
-            """Launches the CPU kernel over a group of variants from `first` on."""
+            """Launches the CPU kernel over a group of variants."""
             scratch = self._scratch.get()
             try:
                 count = min(group, end - first)
@@ -98,13 +98,13 @@ class CpuEngine(Engine):
             self._step_rows(first, end, int(steps[first]), frames)
 
     def _step_rows(self, first: int, end: int, steps: int, frames: wp.array) -> None:
-        """Takes `steps` steps of rows `first` to before `end`, on the CPU's pool."""
+        """Takes `steps` steps of rows `first` to before `end` on the CPU."""
         before = [self.ensemble, self.state, self.cpu_sums, frames]
         for future in self._launch("advance", before, [0, steps], first, end):
             future.result()
 
     def _step_here(self, steps: int, frames: wp.array) -> None:
-        """Takes `steps` steps of all rows in this thread; one variant alone stays in the scratch until `_put_back`."""
+        """Takes `steps` steps of all rows in this thread; one alone stays in the scratch until `_put_back`."""
         if self._recorded is None or self._recorded[1] is not frames:
             self._put_back()
             self._recorded = self.recorded_launch(frames, steps)[0], frames, steps
@@ -121,7 +121,7 @@ class CpuEngine(Engine):
             command.launch()
 
     def _put_back(self) -> None:
-        """Copies the variant that stays in the CPU's scratch into the state."""
+        """Copies the variant in the CPU's scratch into the state."""
         if self._is_kept and self._recorded is not None:
             command, frames, _ = self._recorded
             command.set_param_at_index(KEPT_PARAMETER, int(IS_KEPT))
@@ -130,7 +130,7 @@ class CpuEngine(Engine):
             self._recorded, self._is_kept = (command, frames, 0), False
 
     def recorded_launch(self, frames: wp.array, steps: int) -> tuple[Any, wp.array]:
-        """Recorded launch of the CPU kernel "advance" over all rows, and its scratch."""
+        """Recorded launch of the CPU's "advance" over all rows, and its scratch."""
         scratch = self._scratch.get()
         self._scratch.put(scratch)
         inputs = [self.ensemble, self.state, self.cpu_sums, frames, scratch, 0, 0, steps]
@@ -184,14 +184,14 @@ class CpuEngine(Engine):
 
 
 def _contact_rows(packed: PackedEnsemble) -> int:
-    """Most CPU scratch rows of a chain's contacts: dampers, of a silent chain also v0 and forces."""
+    """Most CPU scratch rows of a chain's contacts."""
     drives = packed.drives
     points = np.where(drives["points"] > 1, 3 * drives["points"], 1)
     return int((drives["sprockets"] * points + drives["guides"]).max())
 
 
 def _row_capacity(packed: PackedEnsemble) -> int:
-    """Length of the shortest CPU scratch row for the longest chain."""
+    """Shortest CPU scratch row for the longest chain."""
     from warpchain.errors import SimulationError
 
     longest = int(packed.drives["rollers"].max())

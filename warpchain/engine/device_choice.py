@@ -1,11 +1,11 @@
 """Device choice between the CPU, a GPU and all GPUs, by estimated times.
 
-For variants of n rollers and w steps each, c cores of r roller-steps a second, and k GPUs of r when full,
+For variants of n rollers and w steps, c cores of r roller-steps a second, k GPUs of r when full, l of a small step,
 
     t_cpu = max(most of w n, (sum of w n) / c) / r                                                            (1)
     t_gpu = start + sqrt((l (most of w))^2 + ((sum of w n) / (k r))^2)                                        (2)
 
-l the time of a small step; kernels to compile come on top.
+and kernels to compile on top.
 """
 
 from __future__ import annotations
@@ -74,7 +74,7 @@ def estimated_seconds(
 
 
 def gpu_speed(device: str, precision: str) -> tuple[float, float]:
-    """Estimated roller-steps a second of a full GPU, and time of a small step [s]."""
+    """Roller-steps a second of a full GPU, and time of a small step [s]."""
     import warp as wp
 
     gpu, single = wp.get_device(device), precision == "float32"
@@ -84,7 +84,7 @@ def gpu_speed(device: str, precision: str) -> tuple[float, float]:
 
 
 def has_uncompiled_kernels(device: str, packed: PackedEnsemble, precision: str) -> bool:
-    """Whether a device's kernels for a run are yet to be compiled."""
+    """Whether a device's kernels for a run are not compiled yet."""
     if device == "cpu":
         from warpchain.engine.cpu import cpu_kernel
 

@@ -128,7 +128,7 @@ def load_run_kernels(
     report: ProgressReport,
     stop: StopRequest,
 ) -> Iterator[None]:
-    """Context that compiles and loads a run's kernels for a device, those that settle where `settles`."""
+    """Context that compiles and loads a run's kernels, those that settle if it `settles`."""
     if device != "cpu":
         from warpchain.engine.gpu import compile_missing_kernels
 

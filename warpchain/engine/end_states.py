@@ -78,7 +78,7 @@ def _is_inside(row: Any, places: NDArray[np.float64]) -> bool:
 def _tooth_reach(
     stacks: Sequence[Stack[ChainModel]], assemblies: Assemblies, shape: tuple[int, int]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
-    """Least and largest radius (V, S) [m] of engaged rollers, and their number as assembled."""
+    """Least and largest radius (V, S) [m] of engaged rollers, and number as assembled."""
     inner, outer, held = (np.full(shape, np.nan) for _ in range(3))
     for stack in stacks:
         for places, assembly in assemblies.states_by_block(stack.members):

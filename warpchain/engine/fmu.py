@@ -1,7 +1,6 @@
 """`export_fmu`: a drive as an FMU, which other programs co-simulate without Python and Warp.
 
-It has the CPU kernel's object code and its first launch's memory, linked with the shell `fmu_shell.c` by the system's
-compiler.
+It has the CPU kernel's code and its first launch's memory, linked with `fmu_shell.c` by the system's compiler.
 """
 
 from __future__ import annotations
@@ -86,7 +85,7 @@ def export_fmu(
 
 
 def compiler_command() -> list[str]:
-    """Command of the system's C compiler, as words; raises SimulationError for none."""
+    """Command of the system's C compiler, as words, or SimulationError."""
     named = shlex.split(os.environ.get("CC", ""))
     for words in [named] if named else [[name] for name in COMPILERS]:
         if shutil.which(words[0]):
@@ -128,11 +127,7 @@ def _write_fmu(file: IO[bytes], run: SteppedRun, drive: Drive, compiler: Sequenc
 
 
 def _linked_library(compiler: Sequence[str], code: Path, parts: dict[str, bytes]) -> bytes:
-    """Shared library of an FMU's shell and a kernel's object file; `parts` are the shell's included files.
-
-    Raises:
-        SimulationError: the compiler refuses.
-    """
+    """Shared library of an FMU's shell, its included files `parts`, and a kernel's object file."""
     with tempfile.TemporaryDirectory(prefix="warpchain-fmu-") as folder:
         for name, content in (parts | {"exported.map": EXPORTED.encode()}).items():
             Path(folder, name).write_bytes(content)

@@ -46,7 +46,7 @@ def input_variables(port: InputPort, starts: Sequence[float]) -> list[Variable]:
 
 
 def output_variables(port: OutputPort, drive: Drive) -> list[Variable]:
-    """Variables of an FMU's output, in the order of its places: PART.CHANNEL, or CHANNEL.I of rollers and links."""
+    """Variables of an FMU's output in order: PART.CHANNEL, or CHANNEL.I of rollers and links."""
     part, _, name = port.name.rpartition(".")
     channel = CHANNEL_BY_NAME[name]
     if part:
@@ -60,7 +60,7 @@ def output_variables(port: OutputPort, drive: Drive) -> list[Variable]:
 
 
 def check_names(variables: Sequence[Variable]) -> None:
-    """Raises SimulationError for two variables of an FMU of one name."""
+    """Raises SimulationError for FMU variables of one name."""
     names = [variable.name for variable in variables]
     for name in names:
         if names.count(name) > 1:
@@ -80,7 +80,7 @@ def model_description(
     Args:
         identifiers: name of its library, and its instantiation token.
         step: time step h [s].
-        interval: default number of steps of a communication step.
+        interval: default steps of a communication step.
     """
     library, token = identifiers
     top = ElementTree.Element("fmiModelDescription", {

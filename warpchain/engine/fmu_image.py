@@ -1,7 +1,4 @@
-"""Image of an exported drive: the memory of a kernel's launch as bytes, and the C header of its layout.
-
-The shell `fmu_shell.c` loads it and launches the kernel on it.
-"""
+"""Image of an exported drive: the memory of a kernel's launch as bytes, and the C header of its layout."""
 
 from __future__ import annotations
 
@@ -50,7 +47,7 @@ class Image:
 
 
 def launch_image(engine: CpuEngine, frames: Any) -> Image:
-    """Memory image of the engine's next launch, of a run that neither ends nor is measured."""
+    """Memory image of the engine's next launch, unmeasured and without an end."""
     drives = engine.packed.drives
     drives["steps"] = drives["window_start"] = drives["window_end"] = MOST_STEPS
     engine.set_constants("drives", drives)
@@ -85,10 +82,7 @@ def image_header(
     outputs: Sequence[OutputPort],
     names: Mapping[str, str],
 ) -> str:
-    """C header of a memory image.
-
-    `starts` are all inputs' first values, `names` macros and their text, to come first.
-    """
+    """C header of a memory image; `starts` are inputs' first values, `names` macros."""
     drives = engine.packed.drives
     kept = len(image.content)
     places = np.concatenate([np.zeros(0, dtype=np.int64), *(port.places[0].ravel() for port in outputs)])
@@ -136,7 +130,7 @@ def c_numbers(values: Iterable[float]) -> str:
 
 
 def _offset_lines(image: Image, engine: CpuEngine, port: InputPort, number: int) -> list[str]:
-    """C arrays of offsets in the image of an input's tables and numbers."""
+    """C arrays of offsets in the image of an input's values."""
     kind, array = port.kind, packed_array(engine.packed, port)
     begins = image.places["ensemble", kind.array] + array.dtype.itemsize * port.rows
     offset = {name: place[1] for name, place in (array.dtype.fields or {}).items()}
@@ -190,7 +184,7 @@ def c_text(text: str) -> str:
 
 
 def start_values(engine: CpuEngine, port: InputPort) -> NDArray[np.float64]:
-    """Values (axes,) of a drive's own input at t = 0; a table over angle or speed counts as 0."""
+    """Values (axes,) of a drive's own input at t = 0; 0 of tables over angle or speed."""
     packed, first, zero = engine.packed, port.first_rows, np.zeros(1)
     if port.kind.is_led:
         return packed.mounts["home"][first][0] + own_center(packed, first, zero)[0][0]

@@ -122,7 +122,7 @@ class ForceProbe:
 
     @cached_property
     def _cam_states(self) -> NDArray[Any]:
-        """Inertia and moment of valves on each of the probe's bodies."""
+        """Inertia and moment of valves on the probe's bodies."""
         self._evaluate(self.packed_state())
         return np.array(self._engine.state.cams.numpy()[: self.body_count])
 
@@ -137,7 +137,7 @@ class ForceProbe:
         return float(((motions["ratio"][train] / motions["ratio"][b]) ** 2 * cams["inertia"][train]).sum())
 
     def train_angles(self, b: int) -> Array:
-        """Angles (B,), of norm 1, of all bodies that turn in the train of body b."""
+        """Angles (B,), of norm 1, of the bodies of body b's train."""
         motions = self.base.motions[: self.body_count]
         if not self.base.drives["tied"][0] or motions["train"][b] < 0:
             return np.ones(1)
@@ -189,7 +189,7 @@ class ForceProbe:
         return straight, turned, self._pushes["pressure"][:count]
 
     def touching_rollers(self, states: ProbeStates) -> NDArray[np.bool_]:
-        """Whether rollers touch sprockets and guides (S + G, N) in a force probe's states."""
+        """Whether rollers touch sprockets and guides (S + G, N) in probed states."""
         self._evaluate(ProbeStates(**{name: value[:1] for name, value in vars(states).items()}))
         points, guides = (int(self.base.drives[key][0]) for key in ("points", "guides"))
         rows = self.sprockets * points + guides

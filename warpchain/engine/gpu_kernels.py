@@ -1,7 +1,4 @@
-"""GPU kernels and blocks for the variants of an ensemble.
-
-Variants with like numbers of parts form a bucket, which is launched at once.
-"""
+"""GPU kernels and blocks for the variants of an ensemble, in buckets of like variants."""
 
 from __future__ import annotations
 
@@ -53,7 +50,7 @@ RESERVED_BYTES = 1024
 
 
 def roller_capacity(links: NDArray[np.integer]) -> NDArray[np.integer]:
-    """Number of rollers that GPU blocks hold for chains of `links`."""
+    """Rollers that GPU blocks hold for chains of `links`."""
     most = ROLLER_CAPACITIES[-1]
     step = np.minimum(2 ** np.ceil(np.log2(np.maximum(links, most))).astype(int) // 8, most)
     return np.where(
@@ -64,7 +61,7 @@ def roller_capacity(links: NDArray[np.integer]) -> NDArray[np.integer]:
 
 
 def block_shape(room: int, each: int, shared_bytes: int = DECLARED) -> BlockShape:
-    """GPU block shape for chains of `room` links: few variants have a roller a thread, many a warp each."""
+    """GPU block shape for chains of `room` links: few variants a roller a thread, many a warp each."""
     if room > LONGEST_ON_A_WARP:
         threads = 1024 if room > 4096 else max(128, 2 ** (room - 1).bit_length() // 16)
         return BlockShape(threads, -(-room // threads), shared_bytes=shared_bytes)
@@ -241,7 +238,7 @@ def block_kind(real: type, columns: Mapping[str, int], each: int, shared_bytes: 
 
 
 def global_memory_values(buckets: Sequence[Bucket]) -> tuple[int, int]:
-    """Numbers of values, and of parts, that large GPU blocks keep in global memory."""
+    """Numbers of values, and of parts, of large GPU blocks in global memory."""
     needs = np.zeros(2, dtype=int)
     for bucket in buckets:
         for name in ("advance", "measure", "relax"):
@@ -258,7 +255,7 @@ def _distinct_rows(keys: NDArray[np.integer]) -> list[tuple[Any, ...]]:
 
 
 class BucketKernel(NamedTuple):
-    """GPU kernel of a bucket, its kind, resident variants, and specification."""
+    """GPU kernel of a bucket, kind, resident variants, and specification."""
 
     kernel: Any
     kind: BlockKind
@@ -318,7 +315,7 @@ class GpuKernels:
         return self._kernels[key]
 
     def buckets_of_kernel(self, name: str) -> list[Bucket]:
-        """Buckets for which the GPU kernel of this name is launched."""
+        """Buckets that launch the GPU kernel of this name."""
         return self.chain_buckets if name == "relax" else self.buckets
 
     def kernel_specs(self, *names: str) -> list[KernelSpec]:

@@ -267,7 +267,7 @@ def _estimated_jump(search: _JumpSearch, by: str, on: str, own: float, most: flo
     name = search.sprocket
 
     def has_jump_at_rest(value: float) -> bool:
-        """Whether the chain jumps at rest, at this value of a jump search."""
+        """Whether the chain jumps at rest, at a searched value."""
         for chain in Model(_changed_drive(search.drive, by, on, value)).loaded_chains:
             names = [sprocket.name for sprocket in chain.sprockets]
             if name in names:

@@ -1,7 +1,7 @@
 """Launches of a GPU: the steps of many variants divided among them.
 
 A GPU holds so many blocks, of one variant each, at once: a turn. All variants end in the same launch; more than a turn
-go in two groups, each on its own stream. Launches end at multiples of `STEP_UNIT`, where that changes no bit.
+go in two groups, each on its own stream.
 """
 
 from __future__ import annotations

@@ -31,7 +31,7 @@ class OutputPort:
 
 
 def lay_out_frames(rows: ChainRows, packed: PackedEnsemble) -> int:
-    """Lays out a buffer of one frame of each row, for output ports; returns its length."""
+    """Lays out a buffer of a frame of each row, for output ports; returns its length."""
     widths = np.array([drive_frame_width(model, packed.frame) for model in rows.models], dtype=np.int64)
     packed.drives["first_value"] = np.cumsum(widths) - widths
     packed.drives["frame_interval"] = 1
@@ -64,7 +64,7 @@ def make_outputs(names: Sequence[str], rows: ChainRows, packed: PackedEnsemble) 
 def _channel_places(
     v: int, rows: ChainRows, packed: PackedEnsemble, wanted: set[str]
 ) -> Mapping[str, NDArray[np.int64]]:
-    """Places (parts, ...) of variant v's channels in the output buffer, by name."""
+    """Places (parts, ...) of variant v's channels in the output buffer."""
     chains = []
     for r in range(int(rows.first_rows[v]), int(rows.first_rows[v + 1])):
         model = rows.models[r]
@@ -76,7 +76,7 @@ def _channel_places(
 
 
 def _part_number(name: str, part: str, channel: str, drive: Drive, v: int) -> int:
-    """Number, among those of its kind, of the part that an output port names."""
+    """Number of the part that an output port names."""
     kind = CHANNEL_BY_NAME[channel].per
     if kind in ("roller", "link"):
         raise SimulationError(f"outputs: {name!r}: {channel} is of each {kind}; name it without a part")

@@ -29,7 +29,7 @@ KERNEL_FACTORIES = {
 
 
 def form_of_law(law: Law) -> int:
-    """Number of a contact law among kernels' (`structs.ContactLaw.form`); a plug-in's law is added."""
+    """Number of a contact law (`structs.ContactLaw.form`); adds a plug-in's to kernels'."""
     if isinstance(law.force, str):
         return next(form for form, force in enumerate(impact.FORCES) if force.key == law.force)
     if law.force not in impact.FORCES:
@@ -54,7 +54,7 @@ def added_laws() -> tuple[str, ...]:
 
 
 def _add_force(force: Any) -> None:
-    """Adds a contact law's function to kernels', and forgets kernels made before."""
+    """Adds a contact law's function to kernels', and forgets earlier kernels."""
     code = force.func.__code__
     digest = digest_of_file(code.co_filename)
     force.adj.source += f"\n# {digest}"  # kernels' digests have the laws' sources: functions that it calls count, too
@@ -70,7 +70,7 @@ def _add_force(force: Any) -> None:
 
 
 def forget_kernels() -> None:
-    """Forgets kernels with contact laws, so that they are made anew."""
+    """Forgets kernels with contact laws, to be made anew."""
     for module, name in KERNEL_FACTORIES.items():
         made = sys.modules.get(f"warpchain.kernels.{module}")
         if made is not None:
@@ -78,7 +78,7 @@ def forget_kernels() -> None:
 
 
 def _law_error(said: str, force: Any) -> str:
-    """Message on a contact law's function, with the line that Warp names."""
+    """Message on a contact law's function, with Warp's line."""
     code = force.func.__code__
     line, reason = code.co_firstlineno, said.removeprefix(": ")
     for name, number in re.findall(rf'function "(\w+)" at {re.escape(code.co_filename)}:(\d+):', said):
@@ -90,7 +90,7 @@ def _law_error(said: str, force: Any) -> str:
 
 
 def _try_force(force: Any, real: Any) -> None:
-    """Compiles a contact law's function for the CPU; raises PluginError for values that are not allowed."""
+    """Compiles a contact law's function for the CPU; raises PluginError for bad values."""
     given: wp.array = wp.array(TRIED, dtype=real, device="cpu")
     found: wp.array = wp.zeros(TRIED.shape, dtype=real, device="cpu")
     wp.launch(

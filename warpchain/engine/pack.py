@@ -1,7 +1,7 @@
 """Packs drives: assembles each, fills its rows of the ensemble's arrays, and brings its tensioners to rest.
 
-At rest a tensioner's pressure is P_r (`warpchain.model.oil`), its oil's content mu = phi(P_r) + ln(V / V_0) ((5), (6)
-of `kernels.physics.tensioner`), and the ratchet is latched.
+At rest an oil's pressure is P_r (`warpchain.model.oil`), its content mu = phi(P_r) + ln(V / V_0) ((5), (6) of
+`kernels.physics.tensioner`).
 """
 
 from __future__ import annotations
@@ -108,7 +108,7 @@ def pack(
 
 
 def fill_step_dependence(packed: PackedEnsemble) -> None:
-    """Fills values of packed contacts and friction that depend on the step."""
+    """Fills packed contacts and friction where they depend on the step."""
     lightest = np.minimum.reduceat(packed.relative_mass, packed.drives["first_roller"].astype(np.int64))
     for friction, counts in ((packed.tooth_friction, "sprockets"), (packed.guide_friction, "guides")):
         steps, part = (np.repeat(of, packed.drives[counts]) for of in (packed.drives["step"], lightest))
@@ -124,7 +124,7 @@ def fill_step_dependence(packed: PackedEnsemble) -> None:
 
 
 def fill_bristles(friction: NDArray[Any], step: NDArray[np.float64], part: Any = 1.0) -> None:
-    """Fills packed friction bristles as stiff as the step allows, for `part` of their inertia."""
+    """Fills packed friction bristles as stiff as the step allows, for `part` of the inertia."""
     inertia = part * friction["inertia"]
     stiffness = np.minimum(friction["stiffness"], SPRING * inertia / (step * step))
     friction["spring"] = stiffness * step
@@ -152,7 +152,7 @@ def _stack_parts(
 
 @contextmanager
 def _blank_rows(array: NDArray[Any], places: NDArray[Any]) -> Iterator[NDArray[Any]]:
-    """Context of zero rows to fill, then put into a packed array."""
+    """Context of zero rows, then put into a packed array."""
     rows = np.zeros(places.shape, dtype=array.dtype)
     yield rows
     array[places] = rows

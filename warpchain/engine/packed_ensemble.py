@@ -45,7 +45,7 @@ def roller_state_rows(position: NDArray[np.float64], velocity: NDArray[np.float6
 
 
 def consecutive_places(first: NDArray[np.integer], count: int) -> NDArray[np.int64]:
-    """Places (V, count) from `first` (V,) on of each variant in a packed array."""
+    """Places (V, count) from `first` (V,) on in a packed array."""
     return np.asarray(first, dtype=np.int64)[:, None] + np.arange(count)
 
 
@@ -60,13 +60,13 @@ def strided_view(values: NDArray[Any], first: NDArray[np.integer], count: int) -
 
 
 def gather_values(values: NDArray[Any], first: NDArray[np.integer], count: int) -> NDArray[Any]:
-    """Values (V, count) from `first` (V,) on of a packed array, to read."""
+    """Packed values (V, count) from `first` (V,) on, to read."""
     view = strided_view(values, first, count)
     return values[consecutive_places(first, count)] if view is None else view
 
 
 def scatter_values(values: NDArray[Any], first: NDArray[np.integer], rows: NDArray[Any]) -> None:
-    """Sets values of a packed array from `first` (V,) on to `rows`."""
+    """Sets packed values from `first` (V,) on to `rows`."""
     view = strided_view(values, first, rows.shape[-1])
     if view is None:
         values[consecutive_places(first, rows.shape[-1])] = rows
@@ -134,7 +134,7 @@ class PackedEnsemble(_PackedArrays):
 
     @property
     def variants(self) -> int:
-        """Number of rows of a packed ensemble: variants, or their chains."""
+        """Number of packed rows: variants, or their chains."""
         return len(self.assemblies)
 
     @property
@@ -165,7 +165,7 @@ class PackedEnsemble(_PackedArrays):
 
     @property
     def has_varied_links(self) -> NDArray[np.bool_]:
-        """Whether a chain's links or masses differ, have play, or one is absent (variants,)."""
+        """Whether links or masses differ, have play, or one is absent (variants,)."""
         of = self.chains
         unlike = (of["outer_stiffness"] != of["stiffness"]) | (of["outer_damping"] != of["damping"])
         return np.asarray(unlike | (of["unlike_masses"] > 0) | (of["play"] != 0.0) | (of["absent"] > 0))
@@ -187,7 +187,7 @@ class PackedEnsemble(_PackedArrays):
         """Whether an arm carries a guide and something else (variants,)."""
 
         def carried(counts: str, bodies: NDArray[np.integer]) -> NDArray[np.int64]:
-            """Number (bodies,) of a kind's parts that each packed body carries."""
+            """Number (bodies,) of a kind's parts on each packed body."""
             owner = np.repeat(self.drives["first_body"], self.drives[counts])
             on = bodies[: len(owner)] != GROUND
             return np.bincount((owner + bodies[: len(owner)])[on], minlength=len(self.bodies))
@@ -232,7 +232,7 @@ class PackedEnsemble(_PackedArrays):
         return self.rollers[first : first + STATE_ROWS * n].reshape(STATE_ROWS, n)
 
     def groups_by_rollers(self) -> Iterator[tuple[NDArray[np.intp], NDArray[np.int64], int]]:
-        """Yields packed variants (K,) of equal roller numbers, at most `LARGEST_STACK`, and places."""
+        """Yields packed variants (K,) of equal roller numbers, and places."""
         rollers, first = self.drives["rollers"], self.drives["first_roller"].astype(np.int64)
         for count in np.unique(rollers).tolist():
             variants = np.flatnonzero(rollers == count)
@@ -266,11 +266,7 @@ class PackedEnsemble(_PackedArrays):
         return replace(self, **arrays | {"drives": fill_first_places(drives)}, assemblies=assemblies)
 
     def at_precision(self, precision: str) -> PackedEnsemble:
-        """Packed ensemble at another precision.
-
-        Raises:
-            SimulationError: an unknown precision.
-        """
+        """Packed ensemble at another precision, or SimulationError."""
         real = real_type(precision)
         if precision == self.precision:
             return self

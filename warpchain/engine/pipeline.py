@@ -1,6 +1,6 @@
 """Pipeline of a run in subensembles: some are packed while GPUs step others and threads compute their metrics.
 
-Results do not depend on the division. Where a GPU fails, another takes its subensemble.
+Results do not depend on the division. Where a GPU fails, another takes over.
 """
 
 from __future__ import annotations
@@ -163,11 +163,7 @@ class SubensembleQueue:
         self._report_progress()
 
     def _run_on_gpu(self, number: int, part: Subensemble) -> SubensembleResult:
-        """Result of a subensemble on a GPU, or another if it fails.
-
-        Raises:
-            DeviceError: no GPU is left, or none may repeat it.
-        """
+        """Result of a subensemble on a GPU, or another if it fails; raises DeviceError where none is left."""
 
         def note(phase: str, done: float, total: float) -> None:
             """Notes a subensemble's progress, for the report of all."""

@@ -77,7 +77,7 @@ class RecordingOptions:
 
 
 def _memory_beside_statistics(packed: PackedEnsemble, memory: int) -> int:
-    """Memory budget [bytes] beside an ensemble's sums; raises SimulationError if they exceed it."""
+    """Memory budget [bytes] beside an ensemble's sums, or SimulationError."""
     from warpchain.engine.arrays import sums_bytes
 
     taken = sums_bytes(packed)
@@ -198,7 +198,7 @@ class Recorder:
         return Trajectory(self.drives[self.rows.variant_of_row[r]], time, **held, chain=model)
 
     def _keep_chunk(self, v: int, chunk: Trajectory) -> None:
-        """Appends recorded frames to archive or memory, and those in the window for metrics."""
+        """Appends recorded frames to archive or memory, those in the window for metrics."""
         if self._measured_channels:
             schedule = self.schedules[v]
             first, last = ((step - 0.5 * way) * schedule.step
@@ -215,13 +215,13 @@ class Recorder:
             self._kept[v].append(chunk)
 
     def kept_trajectories(self) -> Mapping[int, Trajectory]:
-        """Trajectories in the recorder's memory, by variants' numbers; empties it."""
+        """Recorded trajectories in memory, by variants' numbers; empties it."""
         if self._archive is not None:
             return {}
         return {self.numbers[v]: self._joined_trajectory(v, self._kept, self.channels) for v in list(self._kept)}
 
     def measured_trajectories(self) -> Mapping[int, Trajectory]:
-        """Frames in the window for plug-ins' metrics, by variants' numbers; empties the recorder's."""
+        """Frames in the window for plug-ins' metrics, by variants' numbers; empties them."""
         held, channels = self._measured, self._measured_channels
         return {self.numbers[v]: self._joined_trajectory(v, held, channels) for v in list(held)}
 

@@ -48,7 +48,7 @@ SETTLE_STEP = 0.7
 def settling_ensemble(packed: PackedEnsemble) -> PackedEnsemble:
     """Packed ensemble to settle: at rest, held, damped, frictionless.
 
-    Rollers inside guides are pushed out through the face.
+    Guides push rollers inside them out through the face.
     """
     still = packed.copy()
     for name in ("tooth_friction", "guide_friction"):
@@ -83,7 +83,7 @@ def damp_arm_contacts(still: PackedEnsemble) -> None:
 
 
 def lighten_arms(packed: PackedEnsemble, stacks: Sequence[Stack[ChainModel]]) -> None:
-    """Reduces arms' inertias for settling, as far as its step allows."""
+    """Reduces arms' inertias for settling, as its step allows."""
     for stack in stacks:
         model, count = stack.one, len(stack.one.arms)
         if count:
@@ -170,10 +170,7 @@ def _move_to_settled(
 
 
 def largest_net_forces(packed: PackedEnsemble, residual: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Largest net force (V,) [N] on a roller after settling.
-
-    `residual` (V,) is over the largest link force.
-    """
+    """Largest net force (V,) [N] on a roller after settling to `residual` (V,)."""
     largest = np.zeros(packed.variants)
     for alike, first, count in packed.groups_by_rollers():
         x, y = roller_coordinates(packed.rollers, first, count)

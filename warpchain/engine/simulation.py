@@ -157,7 +157,7 @@ def simulate(
     with recording.open_archive(chosen, info) as writer:
 
         def make_recorders(part: Subensemble) -> tuple[Recorder, StateKeeper | None]:
-            """Recorder of a subensemble's frames, and keeper of its states, if any."""
+            """Recorder of a subensemble's frames, and state keeper, if any."""
             return part.make_recorder(recording, len(chosen), writer), part.make_state_keeper(kept, settings)
 
         with progress_reporter(progress) as report, interruptible_work() as stop:
@@ -226,11 +226,7 @@ def schedules_of(
 def _step_sizes(
     count: int, step: float | str | None, stacks: Sequence[Stack[Drive]]
 ) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
-    """Steps (V,) of variants [s], and most steps between samples.
-
-    Raises:
-        DriveError: a step beyond its limit.
-    """
+    """Steps (V,) of variants [s], or DriveError, and most steps between samples."""
     found, longest = np.zeros(count), np.zeros(count, dtype=np.int64)
     refused: list[tuple[int, DriveError]] = []
     for stack in stacks:
@@ -293,7 +289,7 @@ def longest_sample_interval(drive: Drive, step: float | NDArray[np.float64]) -> 
 
 
 def sample_interval(longest: Any, window: Any) -> Any:
-    """Steps between samples in windows of so many steps (...), at most `longest`."""
+    """Steps between samples in windows of so many steps, at most `longest`."""
     return np.where(window >= SAMPLES_PER_WINDOW * longest, longest, LOOK_EVERY)
 
 

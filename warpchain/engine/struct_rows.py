@@ -91,7 +91,7 @@ def fill_law_row(row: Any, contact: ImpactLaw, stiffness: float, mass: float) ->
 
 
 def fill_sprocket_row(row: Any, model: ChainModel, s: int, seats: RowList) -> None:
-    """Fills the `structs.Sprocket` of sprocket s, or of an end, and adds its tooth seats to `seats`."""
+    """Fills the `structs.Sprocket` of sprocket s or an end, and its rows of `seats`."""
     teeth = model.sprockets[s].teeth
     if teeth not in seats.known:
         angle = 2.0 * np.pi * np.arange(teeth) / teeth
@@ -121,7 +121,7 @@ def fill_sprocket_row(row: Any, model: ChainModel, s: int, seats: RowList) -> No
 
 
 def _fill_wheel(row: Any, model: ChainModel, s: int) -> None:
-    """Fills differing fields of a silent chain's `structs.Sprocket`: flanks for toes, contacts half as stiff."""
+    """Fills a silent chain's `structs.Sprocket`: flanks for toes, contacts half as stiff."""
     plate, tooth, pitch, radius = model.chain.plate, model.tooth(s), model.sprocket_pitch(s), model.pitch_radius(s)
     row["law"]["ahead"] = CONTACT_MARGIN * plate.tip_radius
     row["law"]["stiffness"] *= 0.5
@@ -144,7 +144,7 @@ def fill_plate_row(row: Any, model: ChainModel) -> None:
 
 
 def _fill_end(row: Any, model: ChainModel, s: int) -> None:
-    """Fills the `structs.Sprocket` of a chain's end: a hole that holds one pin, as stiff as a link."""
+    """Fills the `structs.Sprocket` of an end: a hole for one pin, as stiff as a link."""
     row["pin"] = 1 if s == 0 else model.chain.rollers
     row["near_square"], row["far_square"] = -1.0, np.inf
     row["cos_half_seat"], row["sin_half_seat"] = -1.0, 0.0
@@ -194,7 +194,7 @@ def _fill_harmonics_row(row: Any, rows: NDArray[np.float64], harmonics: RowList)
 
 
 def fill_table_row(row: Any, model: ChainModel, s: int, table: Table | None, tables: TableList) -> None:
-    """Fills the place of a body's table, and adds the table."""
+    """Fills the place of a body's table, and adds it."""
     if table is not None:
         tables.add(row, table, shaft_ratio(model, s, table.shaft))
 
@@ -314,7 +314,7 @@ def widen_box(row: Any, position: NDArray[np.floating], margin: NDArray[np.float
 
 
 def fill_hub_row(row: Any, model: ChainModel, s: int) -> None:
-    """Fills the `structs.Hub` of a sprocket, for a step of 1 s."""
+    """Fills the `structs.Hub` of a sprocket, for a 1 s step."""
     sprocket, arm = model.sprockets[s], model.carrier(s)
     row["arm"] = GROUND if arm is None else model.first_arm_body + arm
     if arm is not None:
@@ -382,7 +382,7 @@ def _diagonal_matrices(values: tuple[float, float]) -> NDArray[np.float64]:
 
 
 def fill_chain_row(row: Any, model: ChainModel, assembly: Assembly) -> None:
-    """Fills a `structs.Chain`, joint friction for a step of 1 s."""
+    """Fills a `structs.Chain`, joint friction for a 1 s step."""
     chain = model.chain
     row["stiffness"], row["damping"] = chain.stiffness, chain.link_damping
     row["outer_stiffness"], row["outer_damping"] = chain.outer_stiffness, chain.outer_damping

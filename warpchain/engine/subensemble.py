@@ -63,7 +63,7 @@ class Variants:
         return rollers * (self.schedules.columns["steps"] + 1.0)
 
     def select(self, chosen: NDArray[np.bool_]) -> Variants:
-        """Variants of a run that are `chosen` (V,), in suitable stacks."""
+        """Variants of a run that are `chosen` (V,), in stacks."""
         kinds = (stack_of_chosen(stack, chosen) for stack in self.stacks if chosen[stack.members].any())
         stacks = [part for stack in kinds for part in split_stack(stack)]
         drives = [self.drives[v] for v in np.flatnonzero(chosen).tolist()]
@@ -161,7 +161,7 @@ class Subensemble:
     def settle(
         self, settings: DeviceSettings, keeper: StateKeeper | None, report: ProgressReport, stop: StopRequest
     ) -> SettledRows:
-        """Settles the subensemble's variants, once the run's kernels are loaded, and perturbs them."""
+        """Settles and perturbs the subensemble's variants, once kernels are loaded."""
         models, stacks, packed = self.rows.models, self.rows.stacks, self.packed
         settling, of = (models, stacks) if keeper is None else (keeper.drives_to_settle(), None)
 
@@ -223,7 +223,7 @@ def _metric_blocks(
     chains = np.diff(begins)
 
     def chain_ends(variants: NDArray[np.intp]) -> list[ChainEnds]:
-        """Ends and sums of each chain, of variants with equal numbers of chains."""
+        """Ends and sums of each chain, of variants of equal chain numbers."""
         found = [begins[variants] + c for c in range(int(chains[variants[0]]))]
         return [(rows.select_variants(mine), split_sums(*sums, mine)) for mine in found]
 
@@ -231,7 +231,7 @@ def _metric_blocks(
 
 
 def _wait_for_launch(futures: list[Future[None]], stop: StopRequest, report_state: Callable[[], None]) -> None:
-    """Waits for a subensemble's launch, reporting its state, or cancels work that has not begun."""
+    """Waits for a subensemble's launch, reporting its state, or cancels the rest."""
     pending = set(futures)
     while pending:
         _, pending = wait(pending, timeout=0.1)

@@ -143,7 +143,7 @@ def shake_tensioner(
 
 
 def tensioner_by_name(drive: Drive, name: str) -> TensionerPart:
-    """Tensioner of a name; raises DriveError, with the names that there are."""
+    """Tensioner of a name, or DriveError with all names."""
     for tensioner in drive.tensioners:
         if tensioner.name == name:
             return tensioner
@@ -189,7 +189,7 @@ def _struct_rows(
 
 
 def tensioner_with_viscosity(tensioner: TensionerPart, viscosity: float | None) -> TensionerPart:
-    """Tensioner with an oil of another viscosity [m^2/s]; None keeps its own."""
+    """Tensioner with another oil viscosity [m^2/s]; None keeps its own."""
     if viscosity is None:
         return tensioner
     assert tensioner.oil is not None
@@ -197,7 +197,7 @@ def tensioner_with_viscosity(tensioner: TensionerPart, viscosity: float | None) 
 
 
 def _ride_table(tensioner: TensionerPart, shakes: Sequence[PlungerMotion], sums: NDArray[Any]) -> pa.Table:
-    """Table of a tensioner's rides, a row each, from their sums."""
+    """Table of a tensioner's rides from their sums."""
     own = math.nan if tensioner.oil is None else tensioner.oil.viscosity
     given = {
         "frequency": [one.frequency for one in shakes],
@@ -217,7 +217,7 @@ def _sample_table(one: PlungerMotion, values: NDArray[np.float64]) -> pa.Table:
 
 
 def _unit_table(columns: dict[str, Any], units: dict[str, str]) -> pa.Table:
-    """Table of a tensioner's columns with units in the fields' metadata."""
+    """Table of a tensioner's columns with units as metadata."""
     import pyarrow as pa
 
     return table_with_units({name: pa.array(np.ascontiguousarray(columns[name])) for name in units}, units)

@@ -108,7 +108,7 @@ def _batch_edges(drives: NDArray[Any], batches: int) -> tuple[NDArray[np.int64],
 def batch_sums(notes: NDArray[Any], totals: NDArray[Any]) -> SumFields:
     """Sums over each batch of the window, by field.
 
-    `notes` (..., notes) are sums at the batches' ends, `totals` (...) at the window's.
+    `notes` (..., notes) are at the batches' ends, `totals` (...) at the window's.
     """
 
     def batches(name: str) -> NDArray[Any]:
