@@ -1,6 +1,6 @@
 """Structs taken by reference in the C++ that Warp generates, which compiles faster than by value.
 
-So go the kinds of struct that no function writes to once it has taken one.
+Only structs of kinds that no function writes to.
 """
 
 import re

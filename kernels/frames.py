@@ -1,6 +1,6 @@
-"""Frames: where their values are written, on the CPU and the GPU alike.
+"""Frames: output of a drive's values, on the CPU and the GPU alike.
 
-`frame` says which channels a frame holds and where (`results.channels.FrameLayout`); the compiler sees constants.
+`frame` says which channels a frame holds and where (`results.channels.FrameLayout`).
 """
 
 from dataclasses import dataclass
@@ -91,7 +91,7 @@ def frame_writer_functions(Real: type, frame: Any) -> FrameWriterFunctions:
 
     @wp.func
     def write_tensioner(frames: wp.array[Real], at: int, drive: Drive, t: int, push: Any):
-        """Writes tensioner `t` into a frame at `at`."""
+        """Writes tensioner `t` into a frame."""
         mine = at + frame_width(drive.rollers, drive.sprockets, drive.arms, t, 0, 0, 0)
         frames[mine + wp.static(place("tensioner_extension"))] = Real(rounded_value(push.extension))
         frames[mine + wp.static(place("tensioner_force"))] = Real(push.force)
@@ -99,21 +99,21 @@ def frame_writer_functions(Real: type, frame: Any) -> FrameWriterFunctions:
 
     @wp.func
     def write_shaft(frames: wp.array[Real], at: int, drive: Drive, h: int, body: Any):
-        """Writes shaft `h` into a frame at `at`."""
+        """Writes shaft `h` into a frame."""
         mine = at + frame_width(drive.rollers, drive.sprockets, drive.arms, drive.tensioners, h, 0, 0)
         frames[mine + wp.static(place("shaft_angle"))] = Real(body.angle)
         frames[mine + wp.static(place("shaft_speed"))] = Real(body.speed)
 
     @wp.func
     def write_coupling(frames: wp.array[Real], at: int, drive: Drive, c: int, twist: Any, moment: Any):
-        """Writes coupling `c` into a frame at `at`."""
+        """Writes coupling `c` into a frame."""
         mine = at + frame_width(drive.rollers, drive.sprockets, drive.arms, drive.tensioners, drive.shafts, c, 0)
         frames[mine + wp.static(place("coupling_twist"))] = Real(twist)
         frames[mine + wp.static(place("coupling_torque"))] = Real(moment)
 
     @wp.func
     def write_valve(frames: wp.array[Real], at: int, drive: Drive, v: int, torque: Any, force: Any):
-        """Writes valve group `v` into a frame at `at`."""
+        """Writes valve group `v` into a frame."""
         counts = frame_width(
             drive.rollers, drive.sprockets, drive.arms, drive.tensioners, drive.shafts, drive.couplings, v
         )

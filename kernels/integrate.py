@@ -1,9 +1,7 @@
 """Integrators' kicks, stages and weights, for rollers and bodies.
 
-Leapfrog: v(n + 1/2) = v(n - 1/2) + h a(n), x(n + 1) = x(n) + h v(n + 1/2), the first kick being half a step; damping
-reads v(n - 1/2). What is observed at step n takes v(n) = v(n - 1/2) + h a(n) / 2.
-
-Explicit Runge-Kutta schemes are rows of `SCHEMES`. Contacts keep their memory from step starts (stage 0) only.
+Leapfrog: v(n + 1/2) = v(n - 1/2) + h a(n), x(n + 1) = x(n) + h v(n + 1/2), the first kick being half a step. What is
+observed at step n takes v(n) = v(n - 1/2) + h a(n) / 2. Explicit Runge-Kutta schemes are rows of `SCHEMES`.
 """
 
 from dataclasses import dataclass
@@ -20,8 +18,8 @@ class Scheme:
     """An explicit Runge-Kutta scheme: stage k is evaluated a_k h along the slopes of stage k - 1.
 
     Attributes:
-        weights: b_k of each stage's slopes in the step, as numerator and denominator.
-        reaches: a_k of the second stage and later ones, as numerator and denominator.
+        weights: b_k of each stage's slopes, as numerator and denominator.
+        reaches: a_k from the second stage on, likewise.
     """
 
     weights: tuple[tuple[int, int], ...]
@@ -52,13 +50,13 @@ REACH, REACH_OVER = (_fraction_table([of.reaches for of in SCHEMES.values()], pa
 
 @wp.func
 def leapfrog_kick(step: int, h: Any):
-    """Time [s] over which velocities of `step` are accelerated."""
+    """Time [s] over which leapfrog accelerates velocities at `step`: half a step at first."""
     return wp.where(step == 0, type(h)(0.5) * h, h)
 
 
 @wp.func
 def leapfrog_lag(step: int, h: Any):
-    """Time [s] that leapfrog's velocities are behind the positions."""
+    """Time [s] from leapfrog's velocities to the positions of `step`."""
     return wp.where(step == 0, type(h)(0.0), type(h)(0.5) * h)
 
 
@@ -92,7 +90,7 @@ def stage_instant(integrator: int, stage: int, h: Any):
 
 @wp.func
 def stretched_part(integrator: int, stage: int, one: Any):
-    """Part of a step over which friction's bristles are stretched at `stage`."""
+    """Part of a step that stretches friction's bristles at an integrator's `stage`."""
     if stage == 0:
         return one
     return stage_instant(integrator, stage, one)

@@ -1,6 +1,6 @@
 """A Warp module for each kernel, found again at a later start by a digest of its sources.
 
-It saves Warp's own hash of 0.1 s a kernel. Warp adds its version, options and the processor.
+It saves Warp's own hash of 0.1 s a kernel.
 """
 
 import hashlib
@@ -31,7 +31,7 @@ IMPORT = re.compile(r"^[ \t]*from (\.+)([\w.]*) import (\([^)]*\)|.*)", re.MULTI
 
 
 def imported_files(path: Path) -> Iterator[Path]:
-    """Files of this package that a file imports."""
+    """Files of this package that a kernel's file imports."""
     for dots, module, names in IMPORT.findall(path.read_text(encoding="utf-8")):
         base = path.parents[len(dots) - 1].joinpath(*module.split("."))
         if base.is_dir():
@@ -42,7 +42,7 @@ def imported_files(path: Path) -> Iterator[Path]:
 
 @cache
 def reached_files(start: Path) -> tuple[Path, ...]:
-    """Files of this package that a file imports, directly or not, and itself."""
+    """Files of this package that a kernel's file imports, directly or not, and itself."""
     found, ahead = {start}, [start]
     while ahead:
         more = set(imported_files(ahead.pop())) - found
@@ -60,16 +60,13 @@ def sources_digest(start: Path) -> bytes:
 
 @cache
 def _source_of(kind: type) -> str:
-    """Text of the file that defines a class, or ""."""
+    """Text of the file that defines a class of a kernel's arguments, or ""."""
     path = getattr(sys.modules.get(kind.__module__), "__file__", None)
     return Path(path).read_text(encoding="utf-8") if path else ""
 
 
 def kernel_digest(file: str, name: str, *form: Any) -> bytes:
-    """Digest of a kernel's sources, contact laws and factory arguments.
-
-    `form` are types, numbers, and dataclasses of which `repr` tells all.
-    """
+    """Digest of a kernel's sources, contact laws and factory arguments `form`, by their `repr`."""
     laws = "".join(law.adj.source for law in impact.FORCES)
     words = [name, laws, *(word for of in form for word in (repr(of), _source_of(type(of))))]
     return hashlib.sha256(sources_digest(Path(file)) + "\0".join(words).encode()).digest()
@@ -106,7 +103,7 @@ class _Module(Module or object):  # type: ignore[misc]
         return self.hashers[block_dim].get_hash()  # Warp's own would wait for the code of another module
 
     def _run_codegen(self, options: dict[str, Any], is_cpu: bool) -> tuple[Any, ...]:
-        """Source that Warp compiles, and what goes with it."""
+        """Source of the module that Warp compiles, structs by reference, and what goes with it."""
         source, *more = super()._run_codegen(options, is_cpu)
         return with_structs_by_reference(source), *more
 

@@ -1,4 +1,7 @@
-"""Native code for CPU and GPUs: rows of values, roots, reciprocals, sums of products, comparisons."""
+"""Native code for CPU and GPUs: rows of values, roots, reciprocals, sums of products, comparisons.
+
+On CUDA a sum of products is fused: one product of it is not rounded.
+"""
 
 from dataclasses import dataclass
 from functools import cache
@@ -32,7 +35,7 @@ STATE_ROWS = wp.constant(6)
 """Rows of a variant in `structs.State.rollers`: x, y, vx, vy, low parts of x, y."""
 
 LANES = {wp.float64: 4, wp.float32: 8}
-"""Rollers that the CPU's vectorized loops take at a time, by type."""
+"""Number of rollers that the CPU's vectorized loops take at a time, by type."""
 
 
 @dataclass(frozen=True)
@@ -52,11 +55,11 @@ def row_access(Real: type) -> RowAccess:
 
     @wp.func_native("assert(i >= 0 && i < a.shape[0]); return a.data[i];")
     def load(a: wp.array[Real], i: int) -> Real:
-        """Value `i` of an array, read natively."""
+        """Value `i` of an array, by native code."""
 
     @wp.func_native("assert(i >= 0 && i < a.shape[0]); a.data[i] = value;")
     def store(a: wp.array[Real], i: int, value: Real):
-        """Sets value `i` of an array natively."""
+        """Sets value `i` of an array, by native code."""
 
     @wp.func_native("""
         typedef decltype(value) Lanes __attribute__((ext_vector_type(8)));
@@ -80,7 +83,7 @@ def row_access(Real: type) -> RowAccess:
         return bits;
     """)
     def find_unlike(a: wp.array[Real], first: int, count: int, value: Real) -> wp.uint64:
-        """Bits of up to 64 values from `first` on that are not `value`."""
+        """Bits of up to 64 values of an array, from `first` on, that are not `value`."""
 
     @wp.func
     def round_up(n: int):
@@ -92,7 +95,7 @@ def row_access(Real: type) -> RowAccess:
 
 @cache
 def aligned_rows(kind: Any) -> wp.Function:
-    """Native function that makes reads of an array of structs whole rows."""
+    """Native function that has an array of structs read in whole rows."""
 
     @wp.func_native("""
         auto view = rows;
@@ -100,14 +103,14 @@ def aligned_rows(kind: Any) -> wp.Function:
         return view;
     """)
     def aligned(rows: wp.array[kind]) -> wp.array[kind]:
-        """The array, to be read in rows of 16 bytes."""
+        """Array to be read in rows of 16 bytes."""
 
     return aligned
 
 
 @wp.func
 def load_constant(rows: Any, i: int):
-    """Row `i` of a table that does not change."""
+    """Row `i` of a constant table."""
     return rows[i]
 
 
@@ -186,47 +189,47 @@ ALONG = code_by_device(
     "return {fma(s, b[0], a[0]), fma(s, b[1], a[1])};",
     "const auto x = s * b[0], y = s * b[1]; return {a[0] + x, a[1] + y};",
 )
-"""Native code of a + s b, vectors; on CUDA fused."""
+"""Native code of a + s b, vectors."""
 
 
 @wp.func_native(MULTIPLY_ADD)
 def multiply_add(a: wp.float64, b: wp.float64, c: wp.float64) -> wp.float64:
-    """Native a b + c at float64; on CUDA fused."""
+    """Native a b + c at float64."""
 
 
 @wp.func_native(MULTIPLY_ADD)
 def multiply_add(a: wp.float32, b: wp.float32, c: wp.float32) -> wp.float32:
-    """Native a b + c at float32; on CUDA fused."""
+    """Native a b + c at float32."""
 
 
 @wp.func_native(PRODUCTS)
 def products(a: wp.float64, b: wp.float64, c: wp.float64, d: wp.float64) -> wp.float64:
-    """Native a b + c d at float64; on CUDA one product is fused."""
+    """Native a b + c d at float64."""
 
 
 @wp.func_native(PRODUCTS)
 def products(a: wp.float32, b: wp.float32, c: wp.float32, d: wp.float32) -> wp.float32:
-    """Native a b + c d at float32; on CUDA one product is fused."""
+    """Native a b + c d at float32."""
 
 
 @wp.func_native(DOT)
 def dot(a: wp.vec2d, b: wp.vec2d) -> wp.float64:
-    """Native dot product of float64 vectors; on CUDA one product is fused."""
+    """Native dot product of float64 vectors."""
 
 
 @wp.func_native(DOT)
 def dot(a: wp.vec2f, b: wp.vec2f) -> wp.float32:
-    """Native dot product of float32 vectors; on CUDA one product is fused."""
+    """Native dot product of float32 vectors."""
 
 
 @wp.func_native(ALONG)
 def sum_with_multiple(a: wp.vec2d, s: wp.float64, b: wp.vec2d) -> wp.vec2d:
-    """Native vector a + s b at float64; on CUDA fused."""
+    """Native vector a + s b at float64."""
 
 
 @wp.func_native(ALONG)
 def sum_with_multiple(a: wp.vec2f, s: wp.float32, b: wp.vec2f) -> wp.vec2f:
-    """Native vector a + s b at float32; on CUDA fused."""
+    """Native vector a + s b at float32."""
 
 
 @wp.func_native("return b < a ? b : a;")

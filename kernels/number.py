@@ -9,11 +9,8 @@ No compiler may fuse a product into these sums (`modules.without_contraction`). 
 and `div` have signs between pairs, and between numbers and literals exact in float32 (0.5, not 0.1). Quotients of
 literals are `wp.static`: within a kernel Warp divides them in float32.
 
-Sine and cosine are the same on every device: angle = k pi/2 + r, |r| <= pi/4, pi/2 in three parts, the first two exact
-up to k = 2^20; then the series of sin r and cos r to r^17 and r^16, whose next terms are below 1e-19.
-
-The logarithm of a pair is ln r = e ln 2 + ln m, ln m = 2 artanh s = 2 s (1 + s^2/3 + s^4/5 + ...), s = (m - 1)/(m + 1),
-m within a factor sqrt 2 of one; terms from s^14 on are below 2e-12 of the first.
+Sine and cosine are the same on every device: angle = k pi/2 + r, |r| <= pi/4, and series to r^17 and r^16. The
+logarithm of a pair is ln r = e ln 2 + 2 s (1 + s^2/3 + s^4/5 + ...), s = (m - 1)/(m + 1), r = 2^e m.
 """
 
 import math
@@ -26,7 +23,7 @@ from .native import code_by_device, multiply_add, products, quotient
 
 
 def high_and_low_parts(value: float) -> tuple[float, float]:
-    """High and low float32 parts of a number, for constants."""
+    """High and low float32 parts of a constant number."""
     high = float(np.float32(value))
     return high, float(np.float32(value - high))
 
@@ -140,7 +137,7 @@ def number_of(value: wp.vec2f):
 
 @wp.func
 def number_of(value: Any):
-    """A float64 as a number: unchanged."""
+    """A float64 as a number: itself."""
     return value
 
 
@@ -190,7 +187,7 @@ def exact_product(a: wp.float32, b: wp.float32):
 
 @wp.func
 def normalized_pair(high: wp.float32, low: wp.float32):
-    """Pair of `high` and a grown but smaller `low`."""
+    """Pair of `high` and a smaller `low`, which may have grown."""
     sum = high + low
     return pair(sum, low - (sum - high))
 
@@ -376,7 +373,7 @@ def leading_value(a: PairVector):
 
 @wp.func
 def leading_value(a: Any):
-    """A float64 as its own leading value."""
+    """Leading value of a float64: itself."""
     return a
 
 
@@ -394,7 +391,7 @@ def rounded_value(a: PairVector):
 
 @wp.func
 def rounded_value(a: Any):
-    """A float64 as its own rounded value."""
+    """Rounded value of a float64: itself."""
     return a
 
 
@@ -413,7 +410,7 @@ def trimmed_value(a: PairVector):
 
 @wp.func
 def trimmed_value(a: Any):
-    """A float64 as its own trimmed value."""
+    """Trimmed value of a float64: itself."""
     return a
 
 
@@ -453,7 +450,7 @@ def gathered_sum(a: RecentSum):
 
 @wp.func
 def gathered_sum(a: Any):
-    """A float64 sum, which has nothing to gather."""
+    """Gathered sum of a float64: itself."""
     return a
 
 
@@ -555,7 +552,7 @@ def cosine_of(angle: Pair):
 
 @wp.func
 def cosine_of(angle: wp.float64):
-    """cos of a float64 angle [rad], as `sine_cosine` has."""
+    """cos of a float64 angle [rad], to 2e-16."""
     _, cosine = sine_cosine(angle)
     return cosine
 

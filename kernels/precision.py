@@ -1,6 +1,6 @@
 """Structs at float32 made from those at float64, and rows of them converted there and back.
 
-A field becomes a float32 or, where that is too little, a pair. A new field of a struct needs nothing here.
+A field becomes a float32 or a pair; a new field needs nothing here.
 """
 
 from collections.abc import Collection, Mapping
@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from .number import Pair, PairVector, RecentSum
 
 ROW = 16
-"""Bytes that a thread reads at once."""
+"""Bytes of a struct that a thread reads at once."""
 SINGLE = {wp.float64: wp.float32, wp.vec2d: wp.vec2f, wp.vec3d: wp.vec3f, wp.mat22d: wp.mat22f}
 PAIRED = {wp.float64: Pair, wp.vec2d: PairVector}
 
@@ -28,14 +28,14 @@ def at_float32(
     rows: bool = False,
     **other: Any,
 ) -> Any:
-    """A Warp struct with float32 in place of float64, also in its arrays.
+    """Warp struct with float32 in place of float64, also in its arrays.
 
     Args:
         nested: structs in place of structs in it.
         pairs: fields that become pairs.
         recent: sums that every step adds to (`number.RecentSum`).
         kept: fields that stay as they are.
-        rows: fills up to whole rows of `ROW` bytes, for `native.aligned_rows`.
+        rows: fills up to whole rows of `ROW` bytes.
         other: types of further fields.
     """
 
@@ -64,7 +64,7 @@ def _struct(full: Any, kinds: Mapping[str, Any]) -> Any:
 
 
 def sums_at_float32(full: Any, nested: Mapping[Any, Any], recent: Collection[str] = ()) -> Any:
-    """A struct of sums at float32: pairs, extremes single."""
+    """Struct of sums at float32: pairs, extremes single."""
     added = [name for name, var in full.vars.items() if var.type in PAIRED and not name.endswith(("_min", "_max"))]
     return at_float32(full, nested, pairs=[name for name in added if name not in recent], recent=recent)
 

@@ -1,7 +1,7 @@
 """The window's batches, the histogram of tension, and teeth that the chain jumps.
 
-With W steps in the window that begins at step a, note k (from 1) is taken at the first step that is a multiple of the
-drive's `sample_interval` and at least a + k W / BATCHES, before that step is added.
+Note k (from 1) of a window of W steps from step a is taken at the first step that is a multiple of the drive's
+`sample_interval` and at least a + k W / BATCHES, before that step is added.
 """
 
 from typing import Any
@@ -12,7 +12,7 @@ from .structs import Drive, SlipSums, Strand
 
 BATCHES = wp.constant(80)
 NOTES = wp.constant(79)
-"""Notes of batches taken in a window."""
+"""Number of batch notes taken in a window."""
 
 
 @wp.func
@@ -39,13 +39,13 @@ def notes_due(drive: Drive, step: int):
 
 BINS = wp.constant(256)
 ZERO = wp.constant(96)
-"""Tension histogram's bin that begins at no tension."""
+"""Tension histogram's bin that begins at 0 N."""
 STEP = 0.04
 
 
 @wp.func
 def bins_per_force(scale: wp.float64):
-    """1/s [1/N] of the tension histogram's scale [N]."""
+    """Bins per force 1/s [1/N] of the tension histogram's scale [N]."""
     return wp.float32(wp.float64(1.0) / wp.max(scale, wp.float64(1.0e-9)))
 
 
@@ -67,7 +67,7 @@ def count_tension(counts: wp.array[wp.int32], first: int, tension: Any, per_forc
 
 @wp.func
 def modulo(a: int, n: int):
-    """Remainder of a by n, from 0 on."""
+    """Remainder of a roller's number by n, from 0 on."""
     rest = a % n
     return wp.where(rest < 0, rest + n, rest)
 
@@ -83,7 +83,7 @@ def mid_wrap_roller(before: Strand, after: Strand, n: int):
 def follow_slip(slip: SlipSums, roller: int, seat: int, teeth: int, sign: wp.float64, n: int):
     """A sprocket's count of jumped teeth by the seat of `roller`, now in mid-wrap.
 
-    `seat` < 0: none; `sign` is 1 where it turns counter-clockwise, else -1.
+    `seat` < 0: none; `sign`: 1 counter-clockwise, else -1.
     """
     moved = int(0)
     if slip.known != 0:

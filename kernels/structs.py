@@ -192,7 +192,7 @@ class Cam:
 class Mount:
     """Mount of a body's center, and its balance wheel; zero for a fixed center.
 
-    An arm whose pivot is prescribed has its center of mass as wheel, without weight.
+    The wheel of an arm on a prescribed pivot is its center of mass.
     """
 
     active: wp.int32  # 1: the center can move or there is a wheel
@@ -227,10 +227,7 @@ class Hub:
 
 @wp.struct
 class Arm:
-    """An arm that turns about a pivot, its body's center, from its drawn angle (`physics.body`).
-
-    On another arm its springs, damper and stops act between the two.
-    """
+    """An arm that turns about a pivot, its body's center, from its drawn angle (`physics.body`)."""
 
     pivot: wp.vec2d  # [m]
     stiffness: wp.float64  # k_t of its torsion spring [N m/rad]
@@ -379,7 +376,7 @@ class Pose:
 
 @wp.struct
 class Strand:
-    """Nominal line of a strand, and its links (now and then updated)."""
+    """Nominal line of a strand, and its links."""
 
     start: wp.vec2d  # [m]
     direction: wp.vec2d
@@ -598,7 +595,7 @@ class MountSums:
 
 @wp.struct
 class ArmSums:
-    """Window's sums of an arm (time integrals)."""
+    """Window's sums of an arm."""
 
     angle_min: wp.float64  # [rad]
     angle_max: wp.float64
@@ -612,7 +609,7 @@ class ArmSums:
 
 @wp.struct
 class ShaftSums:
-    """Window's sums of a shaft (time integrals)."""
+    """Window's sums of a shaft."""
 
     speed_min: wp.float64  # [rad/s]
     speed_max: wp.float64
@@ -626,7 +623,7 @@ class ShaftSums:
 
 @wp.struct
 class CouplingSums:
-    """Window's sums of a coupling (time integrals)."""
+    """Window's sums of a coupling."""
 
     twist_min: wp.float64  # [rad]
     twist_max: wp.float64
@@ -641,7 +638,7 @@ class CouplingSums:
 
 @wp.struct
 class GearSums:
-    """Window's sums of a gear pair (time integrals)."""
+    """Window's sums of a gear pair."""
 
     force_max: wp.float64  # [N]
     force: wp.float64  # its magnitude [N s]
@@ -650,7 +647,7 @@ class GearSums:
 
 @wp.struct
 class ValveSums:
-    """Window's sums of a valve group (time integrals)."""
+    """Window's sums of a valve group."""
 
     torque_min: wp.float64  # against forward rotation [N m]
     torque_max: wp.float64
@@ -676,7 +673,7 @@ class TensionerFlows:
 
 @wp.struct
 class TensionerSums:
-    """Window's sums of a tensioner (time integrals), and flows."""
+    """Window's sums of a tensioner, and flows."""
 
     force_min: wp.float64  # [N]
     force_max: wp.float64
@@ -785,7 +782,7 @@ class RollerTally:
 
 @wp.struct
 class Tallies:
-    """Sums of block kernels roller by roller, contacts' in rows of their own."""
+    """Sums of block kernels by roller, contacts' in rows of their own."""
 
     link: wp.array[LinkTally]  # (sum of (S + 1) N,)
     impacts: wp.array[wp.int32]  # (contact memories,)
@@ -996,7 +993,7 @@ _ONE_AT_A_TIME = Lock()
 
 
 def types(Real: type, blocks: bool = False) -> SimpleNamespace:
-    """Structs at precision `Real` (wp.float64 or wp.float32) by their names here.
+    """Structs at precision `Real` (wp.float64 or wp.float32) by name.
 
     Beside them are `Real`, its vector `vec2`, `Number` (of `number`), and `Instant`, a body's state in plain numbers.
     Without `blocks` bodies' motion is float64 at both precisions.

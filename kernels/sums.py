@@ -10,7 +10,7 @@ from .number import gathered_sum, rounded_value, sub, sum_with  # noqa: F401
 from .structs import ChainSums, ContactSums, Drive, RollerTally, Strand, StrandSums, Totals
 
 MERGE_EVERY = wp.constant(32)
-"""Steps after which links' and sprockets' sums are merged into the window's."""
+"""Number of steps after which links' and sprockets' sums are merged into the window's."""
 
 
 @wp.func
@@ -42,7 +42,7 @@ def add_tension(sums: Any, tension: Any):
 
 @wp.func
 def merge_tension(sums: Any, other: Any):
-    """Sums of tension with another struct's added."""
+    """Sums of tension with others added."""
     sums.tension = sums.tension + other.tension
     sums.tension_square = sums.tension_square + other.tension_square
     return sums
@@ -81,7 +81,7 @@ def merge_roller(sums: ChainSums, tally: RollerTally):
 def add_contact(sums: ContactSums, totals: Totals, weight: wp.float64, stored: wp.float64):
     """Sums of a partner's contacts with one step's forces and dissipation added.
 
-    `weight` is the step's [s], `stored` elastic energy [J] at the window's end, negative at its start, else 0.
+    `weight` is the step's [s], `stored` elastic energy [J] at the window's ends, negative at its start.
     """
     sums.dissipated = sums.dissipated + weight * totals.dissipated - stored
     sums.friction = sums.friction + weight * totals.friction
@@ -92,7 +92,7 @@ def add_contact(sums: ContactSums, totals: Totals, weight: wp.float64, stored: w
 
 @wp.func
 def add_touches(sums: wp.array[ContactSums], at: int, impacts: int, contacts: int, missed: int):
-    """Adds to contact sums at `at` impacts, first contacts and missed faces."""
+    """Adds impacts, first contacts and missed faces to contact sums at `at`."""
     if impacts != 0:
         sums[at].impacts = sums[at].impacts + impacts
     if contacts != 0:
@@ -116,7 +116,7 @@ def merge_contact(sums: ContactSums, other: ContactSums):
 
 @wp.func
 def add_powers(sums: Any, speed: Any, moment: Any, load: Any, late: Any, weight: Any):
-    """A sprocket's sums with speed, contacts' moment and powers of a step added."""
+    """A sprocket's window sums with speed, contacts' moment and powers of a step added."""
     way = weight * speed
     sums.moment = sum_with(sums.moment, weight * moment)
     sums.contact_work = sum_with(sums.contact_work, way * moment)
@@ -131,7 +131,7 @@ def add_powers(sums: Any, speed: Any, moment: Any, load: Any, late: Any, weight:
 
 @wp.func
 def gathered_sprocket_sums(sums: Any):
-    """A sprocket's sums with recent additions in pairs."""
+    """A sprocket's window sums with recent additions in pairs."""
     sums.moment = gathered_sum(sums.moment)
     sums.contact_work = gathered_sum(sums.contact_work)
     sums.load_work = gathered_sum(sums.load_work)
@@ -158,7 +158,7 @@ def note_mount(note: Any, sums: Any):
 
 @wp.func
 def add_hub_force(sums: Any, force: Any, weight: Any):
-    """A mount's sums with the chain's force added."""
+    """A mount's window sums with the chain's force added."""
     sums.force = sum_with(sums.force, weight * force)
     sums.force_max = wp.max(sums.force_max, wp.length(force))
     return sums
@@ -166,7 +166,7 @@ def add_hub_force(sums: Any, force: Any, weight: Any):
 
 @wp.func
 def add_mount(sums: Any, apart: Any, velocity: Any, mount: Any, held: Any, power: Any, weight: Any):
-    """A mount's sums with displacement [m], force [N] and powers added."""
+    """A mount's window sums with displacement [m], force [N] and powers added."""
     sums.travel = sum_with(sums.travel, weight * apart)
     sums.travel_max = wp.max(sums.travel_max, wp.length(apart))
     sums.force = sum_with(sums.force, weight * wp.length(held))
@@ -177,14 +177,14 @@ def add_mount(sums: Any, apart: Any, velocity: Any, mount: Any, held: Any, power
 
 @wp.func
 def add_bearing(sums: Any, power: Any, weight: Any):
-    """A mount's sums with power of bearing friction added."""
+    """A mount's window sums with power of bearing friction added."""
     sums.friction = sum_with(sums.friction, weight * power)
     return sums
 
 
 @wp.func
 def add_arm(sums: Any, body: Any, moment: Any, power: Any, led: Any, late: Any, weight: Any):
-    """An arm's sums with angle, contacts' moment and powers added."""
+    """An arm's window sums with angle, contacts' moment and powers added."""
     sums.angle_min = wp.min(sums.angle_min, body.angle)
     sums.angle_max = wp.max(sums.angle_max, body.angle)
     sums.angle = sum_with(sums.angle, weight * body.angle)
@@ -198,7 +198,7 @@ def add_arm(sums: Any, body: Any, moment: Any, power: Any, led: Any, late: Any, 
 
 @wp.func
 def add_shaft(sums: Any, speed: Any, motor: Any, load: Any, weight: Any):
-    """A shaft's sums with speed, motor's and load's moments added."""
+    """A shaft's window sums with speed, motor's and load's moments added."""
     way = weight * speed
     sums.speed_min = wp.min(sums.speed_min, speed)
     sums.speed_max = wp.max(sums.speed_max, speed)
@@ -213,7 +213,7 @@ def add_shaft(sums: Any, speed: Any, motor: Any, load: Any, weight: Any):
 
 @wp.func
 def add_coupling(sums: Any, twist: Any, moment: Any, power: Any, led: Any, lost: Any, weight: Any):
-    """A coupling's sums with twist, moment, powers and slip's loss added."""
+    """A coupling's window sums with twist, moment, powers and slip's loss added."""
     sums.twist_min = wp.min(sums.twist_min, twist)
     sums.twist_max = wp.max(sums.twist_max, twist)
     sums.twist = sum_with(sums.twist, weight * twist)
@@ -228,7 +228,7 @@ def add_coupling(sums: Any, twist: Any, moment: Any, power: Any, led: Any, lost:
 
 @wp.func
 def add_gear(sums: Any, moment: Any, force: Any, weight: Any):
-    """A gear pair's sums with moment and tooth force added."""
+    """A gear pair's window sums with moment and tooth force added."""
     sums.moment = sum_with(sums.moment, weight * moment)
     sums.force = sum_with(sums.force, weight * force)
     sums.force_max = wp.max(sums.force_max, force)
@@ -237,7 +237,7 @@ def add_gear(sums: Any, moment: Any, force: Any, weight: Any):
 
 @wp.func
 def add_valve(sums: Any, torque: Any, force: Any, weight: Any):
-    """A valve group's sums with torque and least force added."""
+    """A valve group's window sums with torque and least force added."""
     sums.torque_min = wp.min(sums.torque_min, torque)
     sums.torque_max = wp.max(sums.torque_max, torque)
     sums.torque = sum_with(sums.torque, weight * torque)
@@ -276,7 +276,7 @@ def flows_since(now: Any, start: Any):
 
 @wp.func
 def add_tensioner(sums: Any, push: Any, power: Any, suction: Any, weight: Any):
-    """A tensioner's sums with force, pressure, extension and powers added."""
+    """A tensioner's window sums with force, pressure, extension and powers added."""
     x = rounded_value(push.extension)
     sums.force_min = wp.min(sums.force_min, push.force)
     sums.force_max = wp.max(sums.force_max, push.force)
@@ -294,7 +294,7 @@ def add_tensioner(sums: Any, push: Any, power: Any, suction: Any, weight: Any):
 
 @wp.func
 def add_meter(sums: Any, meter: Any, start: bool, end: bool):
-    """A tensioner's sums with flows between the window's ends."""
+    """A tensioner's window sums with flows between the window's ends."""
     if start:
         sums.flows = meter
     if end:
@@ -304,7 +304,7 @@ def add_meter(sums: Any, meter: Any, start: bool, end: bool):
 
 @wp.func
 def add_displacement(sums: StrandSums, displacement: wp.float64):
-    """A strand's sums with a mid-strand displacement [m]."""
+    """A strand's window sums with a mid-strand displacement [m]."""
     sums.samples = sums.samples + wp.int64(1)
     sums.displacement_min = wp.min(sums.displacement_min, displacement)
     sums.displacement_max = wp.max(sums.displacement_max, displacement)
@@ -336,7 +336,7 @@ def mid_strand_displacement(ax: wp.float64, ay: wp.float64, bx: wp.float64, by: 
 
 @cache
 def strand_follower(Real: type) -> wp.Function:
-    """Warp function that tracks a strand's links, at type `Real`."""
+    """Warp function that updates a strand's links, at type `Real`."""
 
     @wp.func
     def roller_coordinate(rollers: wp.array[Real], x: int, y: int, i: int, strand: Strand):
@@ -383,7 +383,7 @@ def strand_follower(Real: type) -> wp.Function:
 
     @wp.func
     def follow_strand(rollers: wp.array[Real], x: int, y: int, n: int, strand: Strand, anew: bool):
-        """A strand with its middle and links updated, or searched `anew`; ends of an open chain bound it.
+        """A strand with its middle and links updated, or searched `anew`.
 
         Roller i's coordinates are `rollers[x + i]` and `rollers[y + i]`.
         """

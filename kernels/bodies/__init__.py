@@ -1,1 +1,1 @@
-"""Walks over the bodies of one variant that the CPU and blocks share: over arrays of either, body by body."""
+"""Functions on one variant's bodies that the CPU and blocks share, over arrays of either."""

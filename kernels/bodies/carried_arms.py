@@ -1,4 +1,4 @@
-"""Arms that arms carry: the moments between them, and the acceleration of each with the others (`physics.hub`, (b)).
+"""Arms that arms carry, on the CPU and blocks alike: their moments and coupled accelerations (`physics.hub`, (b)).
 
 `arms` are all arms of an ensemble. A chain's arms are `drive.arms` bodies from `first` on, arm `a` is body `first` + a.
 """
@@ -16,7 +16,7 @@ from ..structs import Drive
 
 @wp.func
 def spring_state(drive: Drive, arms: Any, bodies: Any, first: int, a: int, body: Any):
-    """Arm `a`, at `body`, in plain numbers as its spring sees it turn: relative to the arm that carries it, if any."""
+    """Angle and speed of arm `a`, at `body`, in plain numbers, relative to the arm that carries it, if any."""
     on = arms[drive.first_arm + a].on
     if on > 0:
         body = relative_body(body, bodies[first + on - 1])
@@ -25,7 +25,7 @@ def spring_state(drive: Drive, arms: Any, bodies: Any, first: int, a: int, body:
 
 @wp.func
 def carried_spring_moment(drive: Drive, arms: Any, bodies: Any, first: int, a: int):
-    """Moment [N m] on arm `a` of the springs, dampers and stops of arms on it."""
+    """Moment [N m] on arm `a` of springs, dampers and stops of arms that it carries."""
     moment = type(arms[drive.first_arm].stiffness)(0.0)
     for k in range(drive.arms):
         arm = arms[drive.first_arm + k]
@@ -36,11 +36,10 @@ def carried_spring_moment(drive: Drive, arms: Any, bodies: Any, first: int, a: i
 
 @wp.func
 def joint_terms(drive: Drive, arms: Any, motions: Any, poses: Any, rates: Any, first: int, k: int, lag: Any):
-    """The terms of carried arm `k` in (b), and 1 / I_2.
+    """Terms of carried arm `k` in (b), and 1 / I_2 [1/(kg m^2)].
 
-    Args:
-        rates: accelerations of bodies' centers [m/s^2] and angles [rad/s^2], of arms without coupling.
-        lag: time that speeds are behind the forces [s].
+    `rates` are uncoupled accelerations of centers [m/s^2] and angles [rad/s^2], `lag` the time from speeds to forces
+    [s].
     """
     arm = arms[drive.first_arm + k]
     b, on = first + k, first + arm.on - 1
@@ -53,7 +52,7 @@ def joint_terms(drive: Drive, arms: Any, motions: Any, poses: Any, rates: Any, f
 
 @wp.func
 def coupled_acceleration(drive: Drive, arms: Any, motions: Any, poses: Any, rates: Any, first: int, a: int, lag: Any):
-    """Acceleration [rad/s^2] of arm `a`, which no arm carries, with what hangs on it; arguments as of `joint_terms`."""
+    """Angular acceleration [rad/s^2] of arm `a`, which no arm carries, with arms that it carries, (b)."""
     inertia = type(lag)(1.0) / motions[first + a].inverse_inertia
     moment = inertia * rates[first + a][2]
     for k in range(drive.arms):

@@ -1,4 +1,4 @@
-"""Bodies of one variant: their accelerations, and their motion by each integrator."""
+"""Bodies of one variant on the CPU: their accelerations, and their motion by each integrator."""
 
 from dataclasses import dataclass
 from functools import cache
@@ -27,7 +27,7 @@ from .trains import train_functions
 
 @dataclass(frozen=True)
 class BodyFunctions:
-    """Accelerations and motion of the bodies of one variant."""
+    """CPU body motion functions."""
 
     accelerations_of: wp.Function
     find_accelerations: wp.Function
@@ -37,7 +37,7 @@ class BodyFunctions:
 
 @cache
 def body_functions(Real: type) -> BodyFunctions:
-    """The functions that accelerate and move the bodies of one variant."""
+    """CPU body motion functions at type `Real`."""
     kinds = types(Real)
     Ensemble, State = kinds.Ensemble, kinds.State
     hubs = hub_functions(Real)
@@ -80,7 +80,7 @@ def body_functions(Real: type) -> BodyFunctions:
 
     @wp.func
     def take_leapfrog_step(ensemble: Ensemble, state: State, drive: Drive, time: wp.float64, kick: wp.float64):
-        """Takes all bodies, and the tensioners on them, a leapfrog step on from `time` [s]."""
+        """Moves all bodies and tensioners of a variant on the CPU by a leapfrog step from `time` [s]."""
         tensioners.find_supplies(ensemble, state, drive, time)
         for b in range(drive.first_body, drive.first_body + drive.bodies):
             motion, mount, rates, body = ensemble.motions[b], ensemble.mounts[b], state.rates[b], state.bodies[b]
@@ -96,7 +96,7 @@ def body_functions(Real: type) -> BodyFunctions:
 
     @wp.func
     def take_stage(ensemble: Ensemble, state: State, drive: Drive, at: Stage):
-        """Takes all bodies through a Runge-Kutta stage; the tensioners on them at the step's end."""
+        """Moves all bodies of a variant on the CPU by a Runge-Kutta stage, tensioners at the step's end."""
         if at.number == 0:
             tensioners.find_supplies(ensemble, state, drive, at.time)
         for b in range(drive.first_body, drive.first_body + drive.bodies):

@@ -1,4 +1,4 @@
-"""Bodies of one variant at the forces' instant."""
+"""Bodies of one variant on the CPU at the forces' instant."""
 
 from dataclasses import dataclass
 from functools import cache
@@ -12,14 +12,14 @@ from ..structs import Drive, types
 
 @wp.func
 def arm_of(drive: Drive, b: int):
-    """The number among all arms of body `b` of all; negative for other bodies."""
+    """Number among all arms of body `b` of all; -1 for other bodies."""
     place = b - drive.first_body - (drive.bodies - drive.arms)
     return wp.where(place >= 0, drive.first_arm + place, -1)
 
 
 @dataclass(frozen=True)
 class BodyStateFunctions:
-    """Bodies of one variant at the forces' instant."""
+    """CPU body state functions."""
 
     body_now: wp.Function
     angular_acceleration_now: wp.Function
@@ -28,13 +28,16 @@ class BodyStateFunctions:
 
 @cache
 def body_state_functions(Real: type) -> BodyStateFunctions:
-    """The functions that bring the bodies of one variant to the forces' instant."""
+    """CPU body state functions at type `Real`."""
     kinds = types(Real)
     Ensemble, State = kinds.Ensemble, kinds.State
 
     @wp.func
     def body_now(ensemble: Ensemble, state: State, b: int, time: wp.float64, lag: wp.float64):
-        """Body `b` of all with its rates at `time` [s], `lag` after their instant; accelerations must be found."""
+        """State of body `b` of all on the CPU with rates at `time` [s], `lag` after their instant.
+
+        Accelerations must be found.
+        """
         motion = ensemble.motions[b]
         driven = wp.float64(0.0)
         if motion.prescribed == 1:
@@ -44,7 +47,7 @@ def body_state_functions(Real: type) -> BodyStateFunctions:
 
     @wp.func
     def angular_acceleration_now(ensemble: Ensemble, state: State, b: int, time: wp.float64):
-        """Angular acceleration of body `b` of all at `time` [rad/s^2]; accelerations must be found."""
+        """Angular acceleration [rad/s^2] of body `b` of all at `time` [s], once accelerations are found."""
         angular = state.rates[b][2]
         if ensemble.motions[b].prescribed == 1:
             angular = prescribed_acceleration(time, ensemble.motions[b], ensemble)

@@ -1,4 +1,4 @@
-"""Sums over the window of the bodies of one variant, and their energies at its ends."""
+"""Sums over the window of one variant's bodies on the CPU, and their energies at its ends."""
 
 from dataclasses import dataclass
 from functools import cache
@@ -30,7 +30,7 @@ from .loads import load_functions
 
 @dataclass(frozen=True)
 class BodySumFunctions:
-    """CPU functions of the window's sums over bodies."""
+    """CPU body sum functions."""
 
     body_energy_now: wp.Function
     add_sprocket_step: wp.Function
@@ -39,7 +39,7 @@ class BodySumFunctions:
 
 @cache
 def body_sum_functions(Real: type) -> BodySumFunctions:
-    """CPU functions that add sprockets and arms to the window's sums."""
+    """CPU body sum functions at type `Real`."""
     kinds = types(Real)
     Ensemble, State = kinds.Ensemble, kinds.State
     body_states, carried_arms = body_state_functions(Real), carried_arm_functions(Real)
@@ -47,7 +47,7 @@ def body_sum_functions(Real: type) -> BodySumFunctions:
 
     @wp.func
     def body_energy_now(ensemble: Ensemble, state: State, drive: Drive, b: int, now: Now):
-        """Energy of body `b` of all at an evaluated step [J], with that of the valves on it."""
+        """Energy [J] of body `b` of all at an evaluated step, with that of its valves."""
         body = body_states.body_now(ensemble, state, b, now.time, now.lag)
         heading = heading_of(body)
         mount = ensemble.mounts[b]
@@ -69,7 +69,7 @@ def body_sum_functions(Real: type) -> BodySumFunctions:
 
     @wp.func
     def add_sprocket_step(ensemble: Ensemble, state: State, sums: Sums, drive: Drive, s: int, now: Now):
-        """Adds a step of sprocket `s` and its mount to the window's sums."""
+        """Adds a step of sprocket `s` of a drive and its mount to the window's sums, on the CPU."""
         i = drive.first_sprocket + s
         b = drive.first_body + s
         motion = ensemble.motions[b]
@@ -94,7 +94,7 @@ def body_sum_functions(Real: type) -> BodySumFunctions:
 
     @wp.func
     def add_arm_step(ensemble: Ensemble, state: State, sums: Sums, drive: Drive, a: int, now: Now):
-        """Adds a step of arm `a` to the window's sums."""
+        """Adds a step of arm `a` of a drive to the window's sums, on the CPU."""
         b = drive.first_body + drive.bodies - drive.arms + a
         i = drive.first_arm + a
         body = body_states.body_now(ensemble, state, b, now.time, now.lag)

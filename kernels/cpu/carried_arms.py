@@ -1,4 +1,4 @@
-"""Arms that arms carry: the moments between them, and how each accelerates the other (`physics.hub`, (b))."""
+"""Arms that arms carry, on the CPU: their moments and coupled accelerations (`physics.hub`, (b))."""
 
 from dataclasses import dataclass
 from functools import cache
@@ -16,20 +16,20 @@ from .body_states import body_state_functions
 
 @wp.func
 def carrier_body(drive: Drive, on: int):
-    """The body of all that is arm `on` of the drive, counted from 1; negative for 0."""
+    """Body on the CPU, among all, that is arm `on` of the drive, counted from 1; -1 for 0."""
     return wp.where(on > 0, drive.first_body + drive.bodies - drive.arms + on - 1, -1)
 
 
 @wp.func
 def carried_energy(body: BodyState, carrier: BodyState, arm: Arm):
-    """Kinetic energy [J] of an arm by its pivot moving along with the arm that carries it."""
+    """Kinetic energy [J] that a carried arm has by the motion of its pivot."""
     lever = world_vector(arm.lever, pose_of(carrier))
     return energy_of(body.speed, arm_mass_moment(heading_of(body), arm), lever, carrier)
 
 
 @dataclass(frozen=True)
 class CarriedArmFunctions:
-    """Moments and accelerations of arms that carry arms (`physics.hub`, (b))."""
+    """CPU functions of arms that carry arms."""
 
     wrench_with_pivot_forces: wp.Function
     couple_accelerations: wp.Function
@@ -37,7 +37,7 @@ class CarriedArmFunctions:
 
 @cache
 def carried_arm_functions(Real: type) -> CarriedArmFunctions:
-    """The functions of one variant's arms that carry arms."""
+    """CPU functions of arms that carry arms, at type `Real`."""
     kinds = types(Real)
     Ensemble, State = kinds.Ensemble, kinds.State
     body_states = body_state_functions(Real)
@@ -46,7 +46,7 @@ def carried_arm_functions(Real: type) -> CarriedArmFunctions:
     def wrench_with_pivot_forces(
         ensemble: Ensemble, state: State, drive: Drive, a: int, wrench: Wrench, rates: wp.vec3d, now: Now
     ):
-        """Wrench on arm `a` with carried arms' forces on their pivots, and its accelerations (`physics.hub`)."""
+        """Wrench on arm `a` of a drive on the CPU with carried arms' pivot forces, and its accelerations."""
         for k in range(drive.arms):
             arm = ensemble.arms[drive.first_arm + k]
             if arm.on == a + 1:
@@ -59,7 +59,7 @@ def carried_arm_functions(Real: type) -> CarriedArmFunctions:
 
     @wp.func
     def couple_accelerations(ensemble: Ensemble, state: State, drive: Drive, a: int, lag: wp.float64):
-        """Sets the accelerations of arm `a` of the drive and of the arms on it, (b), from those without coupling."""
+        """Sets the coupled accelerations, (b), of arm `a` of a drive and of arms on it, on the CPU."""
         arms, motions, poses = ensemble.arms, ensemble.motions, state.poses
         first = drive.first_body + drive.bodies - drive.arms
         rates = state.rates[first + a]

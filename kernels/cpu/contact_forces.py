@@ -1,4 +1,4 @@
-"""Normal forces of rollers' contacts with one partner, and the powers that contacts and friction take."""
+"""Normal forces of rollers' contacts with one partner on the CPU, and powers of contacts and friction."""
 
 from dataclasses import dataclass
 from functools import cache
@@ -23,7 +23,7 @@ from .rollers import roller_functions, rows
 
 @dataclass(frozen=True)
 class ContactForceFunctions:
-    """CPU functions of contacts' normal forces and powers."""
+    """CPU contact force functions."""
 
     value_if_touching: wp.Function
     copy_row: wp.Function
@@ -34,7 +34,7 @@ class ContactForceFunctions:
 
 @cache
 def contact_force_functions(Real: type, capacity: int) -> ContactForceFunctions:
-    """CPU functions of contacts' normal forces and powers, for rows of `capacity` values of type `Real`."""
+    """CPU contact force functions for rows of `capacity`."""
     kinds = types(Real)
     Memory = kinds.Memory
     vec2 = kinds.vec2
@@ -45,13 +45,13 @@ def contact_force_functions(Real: type, capacity: int) -> ContactForceFunctions:
 
     @wp.func
     def value_if_touching(w: wp.array[Real], i: int, value: Real):
-        """`value` where roller `i` touches, else 0, also beyond the chain's end."""
+        """`value` where roller `i` touches by its row, else 0."""
         # beyond the chain's end values may be no numbers
         return wp.where(access.load(w, row.penetration + i) > Real(0.0), value, Real(0.0))
 
     @wp.func
     def approach_acceleration(w: wp.array[Real], i: int, memory: Memory):
-        """Acceleration [m/s^2] of the relative velocity of roller i's contact, by the forces so far."""
+        """Acceleration [m/s^2] of the relative velocity of roller i's contact, by the forces in CPU rows so far."""
         arm = vec2(access.load(w, row.arm_x + i), access.load(w, row.arm_y + i))
         return relative_acceleration(
             memory.straight, memory.angular, arm, rollers.acceleration(w, i, memory.inverse_mass, memory.gravity)
@@ -59,7 +59,7 @@ def contact_force_functions(Real: type, capacity: int) -> ContactForceFunctions:
 
     @wp.func
     def normal_approach(w: wp.array[Real], i: int, memory: Memory):
-        """Speed [m/s] at which roller i's penetration grows, and its acceleration [m/s^2]."""
+        """Speed [m/s] at which roller i's penetration grows, by rows, and its acceleration [m/s^2]."""
         normal_x = access.load(w, row.normal_x + i)
         normal_y = access.load(w, row.normal_y + i)
         more = approach_acceleration(w, i, memory)
@@ -68,7 +68,7 @@ def contact_force_functions(Real: type, capacity: int) -> ContactForceFunctions:
 
     @wp.func
     def own_law(w: wp.array[Real], i: int, law: kinds.ContactLaw):
-        """Contact law of roller i, by its mass."""
+        """Contact law of roller i, by its mass in rows."""
         return law_at_roller(law, access.load(w, row.relative_mass + i), access.load(w, row.mobility + i))
 
     @wp.func
@@ -84,9 +84,9 @@ def contact_force_functions(Real: type, capacity: int) -> ContactForceFunctions:
 
     @wp.func
     def find_steady_force(w: wp.array[Real], i: int, law: kinds.ContactLaw, memory: Memory):
-        """Stores roller i's normal force for a contact that does not change within the step.
+        """Stores in rows roller i's normal force for a contact that does not change within the step.
 
-        Returns 1 if the contact's memory changes, plus 2 if the contact does open, close or begin.
+        Returns 1 if the contact's memory changes, plus 2 if it opens, closes or begins.
         """
         penetration, before = access.load(w, row.penetration + i), access.load(w, row.v0_before + i)
         speed, growth = normal_approach(w, i, memory)
@@ -98,7 +98,7 @@ def contact_force_functions(Real: type, capacity: int) -> ContactForceFunctions:
 
     @wp.func
     def mend_changing_forces(w: wp.array[Real], group: Group, law: kinds.ContactLaw, memory: Memory):
-        """Stores the normal forces of contacts that open, close or begin within the step; returns 1."""
+        """Stores in rows normal forces of contacts that open, close or begin within the step; returns 1."""
         i = group.low
         while i < group.high:
             penetration, before = access.load(w, row.penetration + i), access.load(w, row.v0_before + i)
@@ -115,7 +115,7 @@ def contact_force_functions(Real: type, capacity: int) -> ContactForceFunctions:
 
     @wp.func
     def add_force(w: wp.array[Real], i: int):
-        """Adds the contact's force to that on roller `i`, and stores its moment on the partner's body."""
+        """Adds the contact force in its row to that on roller `i`, and stores its moment on the partner's body."""
         force = vec2(access.load(w, row.force_x + i), access.load(w, row.force_y + i))
         arm = vec2(access.load(w, row.arm_x + i), access.load(w, row.arm_y + i))
         access.store(w, row.fx + i, access.load(w, row.fx + i) + force[0])
@@ -133,7 +133,7 @@ def contact_force_functions(Real: type, capacity: int) -> ContactForceFunctions:
 
     @wp.func
     def find_normal_forces(w: wp.array[Real], group: Group, law: kinds.ContactLaw, memory: Memory):
-        """Stores the normal forces of a group's contacts; returns whether memories change."""
+        """Stores the normal forces of a group's contacts; returns 1 if memories change."""
         changed = int(0)
         i = group.low
         if memory.unlike_masses != 0:
@@ -154,7 +154,7 @@ def contact_force_functions(Real: type, capacity: int) -> ContactForceFunctions:
 
     @wp.func
     def find_powers(w: wp.array[Real], i: int, law: kinds.ContactLaw, rubs: bool, memory: Memory):
-        """Stores the powers of roller i's contact, with friction's where it `rubs`, at the step's mean speeds."""
+        """Stores the powers of roller i's contact in rows, with friction's where it `rubs`."""
         more = approach_acceleration(w, i, memory)
         speed_x = access.load(w, row.relative_x + i) + memory.lag * more[0]
         speed_y = access.load(w, row.relative_y + i) + memory.lag * more[1]
@@ -170,7 +170,7 @@ def contact_force_functions(Real: type, capacity: int) -> ContactForceFunctions:
 
     @wp.func
     def add_measured_force(w: wp.array[Real], i: int, law: kinds.ContactLaw, rubs: bool, memory: Memory):
-        """Adds the contact's force to that on roller `i`, stores moment and powers; returns 1 if it begins."""
+        """Adds the contact force to that on roller `i`, stores moment and powers; returns 1 if it begins."""
         add_force(w, i)
         find_powers(w, i, law, rubs, memory)
         return contact_rows.is_beginning(w, i)
@@ -179,7 +179,7 @@ def contact_force_functions(Real: type, capacity: int) -> ContactForceFunctions:
     def add_measured_forces(
         w: wp.array[Real], group: Group, law: kinds.ContactLaw, friction: kinds.Friction, memory: Memory
     ):
-        """Adds contact forces to those on rollers, stores moments and powers; returns 1 if any contact begins."""
+        """Adds a group's contact forces to those on rollers, stores moments and powers; returns 1 if any begins."""
         began = int(0)
         rubs = friction.inertia > Real(0.0)
         i = group.low
@@ -199,7 +199,7 @@ def contact_force_functions(Real: type, capacity: int) -> ContactForceFunctions:
 
     @wp.func
     def add_forces(w: wp.array[Real], group: Group):
-        """Adds contact forces to those on rollers, and stores their moments on the partner's body."""
+        """Adds a group's contact forces to those on rollers, and stores their moments on the partner's body."""
         i = group.low
         while i < group.high:
             add_force(w, i)

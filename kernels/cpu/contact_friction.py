@@ -1,4 +1,4 @@
-"""Friction of rollers' contacts with one partner."""
+"""Friction of rollers' contacts with one partner on the CPU."""
 
 from dataclasses import dataclass
 from functools import cache
@@ -16,14 +16,14 @@ from .rollers import rows
 
 @dataclass(frozen=True)
 class ContactFrictionFunctions:
-    """CPU functions of contacts' friction, after their normal forces."""
+    """CPU contact friction functions."""
 
     add_friction_forces: wp.Function
 
 
 @cache
 def contact_friction_functions(Real: type, capacity: int) -> ContactFrictionFunctions:
-    """CPU functions of contacts' friction, for rows of `capacity` values of type `Real`."""
+    """CPU contact friction functions for rows of `capacity`."""
     kinds = types(Real)
     Memory = kinds.Memory
     row = rows(capacity)
@@ -32,13 +32,13 @@ def contact_friction_functions(Real: type, capacity: int) -> ContactFrictionFunc
 
     @wp.func
     def roller_sliding_speed(w: wp.array[Real], i: int):
-        """Speed at which roller i's contact slides [m/s]."""
+        """Sliding speed [m/s] of roller i's contact, by rows."""
         x, y = access.load(w, row.relative_x + i), access.load(w, row.relative_y + i)
         return sliding_speed(x, y, access.load(w, row.normal_x + i), access.load(w, row.normal_y + i))
 
     @wp.func
     def store_friction(w: wp.array[Real], i: int, drag: Real, holds: Real):
-        """Stores friction `drag` of roller i's contact and its bristle's force, and adds it to the contact force."""
+        """Stores in rows friction `drag` and bristle of roller i's contact, and adds it to the contact force."""
         # numbers, not vectors, which would keep loops from vectorizing
         x = contact_forces.value_if_touching(w, i, drag * -access.load(w, row.normal_y + i))
         y = contact_forces.value_if_touching(w, i, drag * access.load(w, row.normal_x + i))
@@ -50,7 +50,7 @@ def contact_friction_functions(Real: type, capacity: int) -> ContactFrictionFunc
 
     @wp.func
     def recall_bristles(w: wp.array[Real], group: Group, memory: Memory):
-        """Copies bristles' forces from the contacts' memory to their row, 0 where a contact begins."""
+        """Copies bristles' forces from contacts' memory to their row, 0 where a contact begins."""
         i = group.low
         while i < group.high:
             held = Real(0.0)
@@ -61,7 +61,7 @@ def contact_friction_functions(Real: type, capacity: int) -> ContactFrictionFunc
 
     @wp.func
     def keep_bristles(w: wp.array[Real], group: Group, memory: Memory):
-        """Copies bristles' forces from their row to the contacts' memory."""
+        """Copies bristles' forces from their row to contacts' memory."""
         i = group.low
         while i < group.high:
             if access.load(w, row.penetration + i) > Real(0.0):

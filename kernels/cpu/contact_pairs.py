@@ -1,4 +1,4 @@
-"""Contacts of one variant's rollers with its partners, sprockets and guides, run by run."""
+"""Contacts of one variant's rollers with sprockets and guides on the CPU, run by run."""
 
 from dataclasses import dataclass
 from functools import cache
@@ -25,17 +25,14 @@ from .toes import toe_functions
 
 @dataclass(frozen=True)
 class ContactPairFunctions:
-    """CPU functions of all contacts of one variant."""
+    """CPU contact pair functions."""
 
     add_contact_forces: wp.Function
 
 
 @cache
 def contact_pair_functions(Real: type, capacity: int, silent: bool) -> ContactPairFunctions:
-    """CPU functions of all contacts of one variant, for rows of `capacity` values of type `Real`.
-
-    Only where `silent` may it have silent chains.
-    """
+    """CPU contact pair functions, for rows of `capacity` values; only where `silent` with silent chains."""
     kinds = types(Real)
     Ensemble, State, Memory = kinds.Ensemble, kinds.State, kinds.Memory
     partners = partner_functions(Real)
@@ -70,7 +67,7 @@ def contact_pair_functions(Real: type, capacity: int, silent: bool) -> ContactPa
     def find_run_contacts(
         ensemble: Ensemble, state: State, drive: Drive, w: wp.array[Real], p: int, run: int, memory: Memory
     ):
-        """Stores the contacts of one run of rollers with partner `p`; returns the group that may touch."""
+        """Stores contacts of one run of rollers with partner `p`; returns the group that may touch."""
         n = drive.rollers
         first, count = neighbor_list.run_span(w, drive, p, run)
         if p < drive.sprockets:
@@ -119,10 +116,7 @@ def contact_pair_functions(Real: type, capacity: int, silent: bool) -> ContactPa
     def add_counts_and_sizes(
         w: wp.array[Real], group: Group, on_teeth: bool, impacts: int, wanted: Now, totals: wp.array[Totals], slot: int
     ):
-        """Adds first contacts and missed faces to totals, and sizes of forces to rows for frames.
-
-        `impacts` are the totals' before this group.
-        """
+        """Adds first contacts and missed faces to totals, and sizes of forces to rows for frames."""
         if wanted.sizes != 0:
             contact_rows.add_force_sizes(w, group, wp.where(on_teeth, row.sprocket_force, row.guide_force))
         if wanted.measures != 0:
@@ -167,10 +161,7 @@ def contact_pair_functions(Real: type, capacity: int, silent: bool) -> ContactPa
     def add_contact_forces(
         ensemble: Ensemble, state: State, drive: Drive, place: int, w: wp.array[Real], memory: Memory
     ):
-        """Adds contact forces of all rollers and partners to rollers, `Totals` and wrenches on bodies.
-
-        `place` is the chain's row of the ensemble.
-        """
+        """Adds all contact forces of a chain, `place` among all, to the CPU's rows, `Totals` and wrenches on bodies."""
         if wp.static(silent):
             if drive.points > 1:
                 toes.find_link_motions(w, drive.rollers, ensemble.chains[place])

@@ -1,8 +1,6 @@
-"""Rows of the scratch for a group of rollers' contacts with one partner, and contacts' memory.
+"""Rows of the CPU's scratch for a group of rollers' contacts with one partner, and contacts' memory.
 
-Teeth, guide-bars and profiles store their contacts here (`store_contact`); all that follows is the same. Loops go over
-rows from the group's first near roller to the last, and vectorize (see `rollers`). Others in between have the
-penetration `AWAY`.
+Rows go from the group's first near roller to the last; others in between have the penetration `AWAY`.
 """
 
 from dataclasses import dataclass
@@ -18,7 +16,7 @@ from .rollers import ROWS, rows
 
 @dataclass(frozen=True)
 class ContactRowFunctions:
-    """CPU functions that keep contacts with one partner in rows."""
+    """CPU contact row functions."""
 
     recall_impact_speed: wp.Function
     keep_impact_speeds: wp.Function
@@ -35,7 +33,7 @@ class ContactRowFunctions:
 
 @cache
 def contact_row_functions(Real: type, capacity: int) -> ContactRowFunctions:
-    """CPU functions that keep contacts in rows of `capacity` values of type `Real`."""
+    """CPU contact row functions for rows of `capacity`."""
     kinds = types(Real)
     Memory, State = kinds.Memory, kinds.State
     access = row_access(Real)
@@ -52,7 +50,7 @@ def contact_row_functions(Real: type, capacity: int) -> ContactRowFunctions:
 
     @wp.func
     def keep_impact_speeds(w: wp.array[Real], group: Group, memory: Memory):
-        """Copies contacts' v0 to their memory."""
+        """Copies contacts' v0 from their row to memory."""
         i = group.low
         while i < group.high:
             if is_near(group, i):
@@ -61,7 +59,7 @@ def contact_row_functions(Real: type, capacity: int) -> ContactRowFunctions:
 
     @wp.func
     def store_arm(w: wp.array[Real], i: int, x: Real, y: Real):
-        """Stores roller i's place from the center of the partner's body [m]."""
+        """Stores roller i's vector from the center of the partner's body [m] in its contact's row."""
         access.store(w, row.arm_x + i, x)
         access.store(w, row.arm_y + i, y)
 
@@ -79,12 +77,12 @@ def contact_row_functions(Real: type, capacity: int) -> ContactRowFunctions:
 
     @wp.func
     def damper_row(p: int):
-        """First index of the row of damper speeds of contacts `p` of a pin: those with sprockets, then with guides."""
+        """First index of the row of damper speeds of a pin's contacts `p`: with sprockets, then with guides."""
         return wp.static(len(ROWS) * capacity) + p * wp.static(capacity)
 
     @wp.func
     def push_row(drive: Drive, s: int):
-        """First index of the rows of what a silent chain's flank ends exerted on wheel `s` in the step before."""
+        """First index of the rows of last step's forces of a silent chain's flank ends on wheel `s`."""
         return damper_row(drive.sprockets * drive.points + drive.guides + s * drive.points)
 
     @wp.func
@@ -94,7 +92,7 @@ def contact_row_functions(Real: type, capacity: int) -> ContactRowFunctions:
 
     @wp.func
     def fetch_dampers(state: State, drive: Drive, w: wp.array[Real]):
-        """Copies contacts' damper speeds from the state to their rows, at a launch's begin."""
+        """Copies contacts' damper speeds from the state to their rows."""
         for p in range(drive.sprockets * drive.points + drive.guides):
             first, at = damper_row(p), drive.first_contact + p * drive.rollers
             for i in range(drive.rollers):
@@ -102,7 +100,7 @@ def contact_row_functions(Real: type, capacity: int) -> ContactRowFunctions:
 
     @wp.func
     def put_back_dampers(state: State, drive: Drive, w: wp.array[Real]):
-        """Copies contacts' damper speeds from their rows to the state, at a launch's end."""
+        """Copies contacts' damper speeds from their rows to the state."""
         for p in range(drive.sprockets * drive.points + drive.guides):
             first, at = damper_row(p), drive.first_contact + p * drive.rollers
             for i in range(drive.rollers):
@@ -110,14 +108,14 @@ def contact_row_functions(Real: type, capacity: int) -> ContactRowFunctions:
 
     @wp.func
     def is_beginning(w: wp.array[Real], i: int):
-        """1 where roller i's contact begins, else 0."""
+        """1 where roller i's contact begins by its rows, else 0."""
         return wp.where(
             access.load(w, row.penetration + i) > Real(0.0) and access.load(w, row.v0_before + i) <= Real(0.0), 1, 0
         )
 
     @wp.func
     def add_force_sizes(w: wp.array[Real], group: Group, sizes: int):
-        """Adds the normal forces' sizes to row `sizes`, for frames."""
+        """Adds sizes of contacts' normal forces to row `sizes`, for frames."""
         i = group.low
         while i < group.high:
             access.store(w, sizes + i, access.load(w, sizes + i) + access.load(w, row.force_size + i))

@@ -1,4 +1,4 @@
-"""Totals over rollers' contacts with one partner, group by group."""
+"""Totals over rollers' contacts with one partner on the CPU, group by group."""
 
 from dataclasses import dataclass
 from functools import cache
@@ -16,7 +16,7 @@ from .rollers import rows
 
 @dataclass(frozen=True)
 class ContactSumFunctions:
-    """CPU functions of the totals of a partner's contacts."""
+    """CPU contact total functions."""
 
     add_totals: wp.Function
     count_beginning: wp.Function
@@ -25,7 +25,7 @@ class ContactSumFunctions:
 
 @cache
 def contact_sum_functions(Real: type, capacity: int) -> ContactSumFunctions:
-    """CPU functions of contacts' totals, for rows of `capacity` values of type `Real`."""
+    """CPU contact total functions for rows of `capacity`."""
     kinds = types(Real)
     access = row_access(Real)
     row = rows(capacity)

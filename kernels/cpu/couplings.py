@@ -1,4 +1,4 @@
-"""Couplings of one variant: their bodies, states and moments."""
+"""Couplings of one variant on the CPU: their bodies, states and moments."""
 
 from dataclasses import dataclass
 from functools import cache
@@ -12,7 +12,7 @@ from .body_states import body_state_functions
 
 @dataclass(frozen=True)
 class CouplingFunctions:
-    """Couplings of one variant (`physics.train`)."""
+    """CPU coupling functions (`physics.train`)."""
 
     twist_and_moment: wp.Function
     twist_and_moment_now: wp.Function
@@ -21,20 +21,20 @@ class CouplingFunctions:
 
 @cache
 def coupling_functions(Real: type) -> CouplingFunctions:
-    """The functions of one variant's couplings."""
+    """CPU coupling functions at type `Real`."""
     kinds = types(Real)
     Ensemble, State, Coupling = kinds.Ensemble, kinds.State, kinds.Coupling
     body_states = body_state_functions(Real)
 
     @wp.func
     def coupled_bodies(state: State, drive: Drive, coupling: Coupling):
-        """The bodies of a coupling; the first is any where it is the ground."""
+        """States of both bodies of a coupling; the first is any where it is the ground."""
         first = state.bodies[drive.first_body + wp.max(coupling.first, 0)]
         return first, state.bodies[drive.first_body + coupling.second]
 
     @wp.func
     def twist_and_moment(ensemble: Ensemble, state: State, drive: Drive, c: int):
-        """Twist [rad] of coupling `c` of all, and the moment [N m] on its first body, opposite."""
+        """Twist [rad] of coupling `c` of all, and moment [N m] that it takes from its first body."""
         coupling, engaged = ensemble.couplings[c], state.couplings[c]
         first, second = coupled_bodies(state, drive, coupling)
         twist, rate = coupling_twist(first, second, coupling, engaged)
@@ -51,7 +51,7 @@ def coupling_functions(Real: type) -> CouplingFunctions:
 
     @wp.func
     def update_couplings(ensemble: Ensemble, state: State, drive: Drive, time: wp.float64):
-        """Takes the states of all couplings to a step's start."""
+        """Updates the states of all couplings at a step's start."""
         for c in range(drive.first_coupling, drive.first_coupling + drive.couplings):
             coupling = ensemble.couplings[c]
             first, second = coupled_bodies(state, drive, coupling)

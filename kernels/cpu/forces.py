@@ -1,4 +1,4 @@
-"""Forces of one variant at one instant: of links, joints, contacts, tensioners and hubs."""
+"""Forces of one variant at one instant on the CPU: of links, joints, contacts, tensioners and hubs."""
 
 from dataclasses import dataclass
 from functools import cache
@@ -18,7 +18,7 @@ from .strand_loads import strand_load_functions
 
 @dataclass(frozen=True)
 class ForceFunctions:
-    """CPU functions of one variant's forces at one instant."""
+    """CPU force functions."""
 
     add_link_forces: wp.Function
     add_contact_forces: wp.Function
@@ -26,10 +26,7 @@ class ForceFunctions:
 
 @cache
 def force_functions(Real: type, capacity: int, silent: bool) -> ForceFunctions:
-    """CPU functions of one variant's forces, for rows of `capacity` values of type `Real`.
-
-    Only where `silent` may it have silent chains.
-    """
+    """CPU force functions, for rows of `capacity` values; only where `silent` with silent chains."""
     kinds = types(Real)
     rollers = roller_functions(Real, capacity)
     near_rollers = near_roller_functions(Real, capacity)
@@ -48,7 +45,7 @@ def force_functions(Real: type, capacity: int, silent: bool) -> ForceFunctions:
         w: wp.array[Real],
         memory: kinds.Memory,
     ):
-        """Sets poses of bodies, forces of links and joints on rollers, and those of tensioners."""
+        """Sets poses of bodies, and rollers' forces of links and joints in the CPU's rows; adds tensioners'."""
         n = drive.rollers
         near_rollers.find_poses(state, drive)
         rubs = chain.joint.inertia > Real(0.0)
@@ -77,7 +74,7 @@ def force_functions(Real: type, capacity: int, silent: bool) -> ForceFunctions:
         w: wp.array[Real],
         memory: kinds.Memory,
     ):
-        """Adds contact forces to rollers, and sets wrenches on bodies, with those of hubs."""
+        """Adds contact forces to rollers in the CPU's rows, and sets wrenches on bodies, with those of hubs."""
         for b in range(drive.first_body, drive.first_body + drive.bodies):
             state.wrenches[b] = Wrench()
         contact_pairs.add_contact_forces(ensemble, state, drive, place, w, memory)

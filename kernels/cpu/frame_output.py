@@ -18,14 +18,14 @@ from .valves import valve_functions
 
 @dataclass(frozen=True)
 class FrameOutputFunctions:
-    """CPU function that writes one variant's frames."""
+    """CPU frame output function."""
 
     write_frame: wp.Function
 
 
 @cache
 def frame_output_functions(Real: type, capacity: int, frame: Any) -> FrameOutputFunctions:
-    """CPU function that writes one variant's frames, with the channels of `frame` (`kernels.frames`)."""
+    """CPU frame output function, with the channels of `frame` (`kernels.frames`)."""
     kinds = types(Real)
     vec2 = kinds.vec2
     frame_writers = frame_writer_functions(Real, frame)
@@ -38,7 +38,7 @@ def frame_output_functions(Real: type, capacity: int, frame: Any) -> FrameOutput
 
     @wp.func
     def roller_extra(w: wp.array[Real], i: int):
-        """`Extra` of roller `i` and the link after it, for a frame."""
+        """`Extra` values of roller `i` and its next link, for a CPU frame."""
         of = kinds.Extra()
         of.tension = access.load(w, row.tension + i)
         of.rate = access.load(w, row.rate + i)
@@ -57,7 +57,7 @@ def frame_output_functions(Real: type, capacity: int, frame: Any) -> FrameOutput
         number: int,
         now: Now,
     ):
-        """Writes the frame of one chain, number `number` of the launch."""
+        """Writes the frame of one chain on the CPU, number `number` of the launch."""
         n = drive.rollers
         begin = int(drive.first_value + wp.int64(number) * wp.int64(frame_writers.drive_width(drive)))
         lag = Real(now.lag)

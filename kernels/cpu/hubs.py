@@ -1,4 +1,4 @@
-"""Sprockets and arms that arms carry, and the bearings of sprockets."""
+"""Hubs on the CPU: sprockets and arms that arms carry, and sprockets' bearings."""
 
 from dataclasses import dataclass
 from functools import cache
@@ -14,7 +14,7 @@ from .carried_arms import carrier_body
 
 @dataclass(frozen=True)
 class HubFunctions:
-    """Bodies that arms carry, and the bearings of sprockets (`physics.hub`)."""
+    """CPU hub functions (`physics.hub`)."""
 
     add_hub_reactions: wp.Function
     place_carried_bodies: wp.Function
@@ -23,16 +23,14 @@ class HubFunctions:
 
 @cache
 def hub_functions(Real: type) -> HubFunctions:
-    """The functions of one variant's hubs and carried arms."""
+    """CPU hub functions at type `Real`."""
     kinds = types(Real)
     Ensemble, State = kinds.Ensemble, kinds.State
     body_states = body_state_functions(Real)
 
     @wp.func
     def add_hub_reactions(ensemble: Ensemble, state: State, drive: Drive, stage: int, stretch_part: wp.float64):
-        """Adds to wrenches: on arms the forces on bodies that they carry, on arms and sprockets their bearings'
-        moments.
-        """
+        """Adds forces on carried bodies to arms' wrenches, and bearings' moments to arms' and sprockets'."""
         for s in range(drive.sprockets):
             hub = ensemble.hubs[drive.first_sprocket + s]
             b = drive.first_body + s
@@ -62,7 +60,7 @@ def hub_functions(Real: type) -> HubFunctions:
 
     @wp.func
     def place_carried_bodies(ensemble: Ensemble, state: State, drive: Drive):
-        """Places arms and sprockets that arms carry, once their carriers have moved."""
+        """Moves carried arms and sprockets with their carriers."""
         if drive.jointed != 0:
             for a in range(drive.arms):
                 joint = ensemble.arms[drive.first_arm + a]
@@ -79,7 +77,7 @@ def hub_functions(Real: type) -> HubFunctions:
 
     @wp.func
     def bearing_power(ensemble: Ensemble, state: State, drive: Drive, s: int, time: wp.float64, lag: wp.float64):
-        """Power [W] that the bearing of sprocket s takes at `time` [s]."""
+        """Power [W] that the bearing of sprocket s dissipates at `time` [s]."""
         hub = ensemble.hubs[drive.first_sprocket + s]
         turning = body_states.body_now(ensemble, state, drive.first_body + s, time, lag).speed
         if hub.arm != GROUND:

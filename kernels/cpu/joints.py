@@ -1,6 +1,6 @@
-"""Links of chains whose joints rub or whose links differ, and the friction of joints, on the CPU.
+"""Joint friction on the CPU, and links of chains with it or whose links differ.
 
-Plain loops over rows, as in `rollers`: joint n is joint 0 again, link i's values of two components are at i + 1.
+Joint n is joint 0 again; link i's two-component values are at i + 1.
 """
 
 from dataclasses import dataclass
@@ -24,7 +24,7 @@ from .rollers import roller_functions, rows
 
 @dataclass(frozen=True)
 class JointFunctions:
-    """CPU functions of links whose joints rub or which differ, and of joints' friction."""
+    """CPU joint functions."""
 
     find_link_forces: wp.Function
     find_joint_moments: wp.Function
@@ -35,7 +35,7 @@ class JointFunctions:
 
 @cache
 def joint_functions(Real: type, capacity: int) -> JointFunctions:
-    """CPU functions of joints, for rows of `capacity` values of type `Real`."""
+    """CPU joint functions for rows of `capacity`."""
     kinds = types(Real)
     Chain = kinds.Chain
     vec2 = kinds.vec2
@@ -45,7 +45,7 @@ def joint_functions(Real: type, capacity: int) -> JointFunctions:
 
     @wp.func
     def store_turn_rate(w: wp.array[Real], i: int, d: vec2, v: vec2):
-        """Stores the rate at which link `i` turns, and n / L."""
+        """Stores rate of turning and n / L of link `i` in its row."""
         lever, turn = link_turning(d, v)
         access.store(w, row.turn_rate + i, turn)
         access.store(w, row.couple_x + i + 1, lever[0])
@@ -53,7 +53,7 @@ def joint_functions(Real: type, capacity: int) -> JointFunctions:
 
     @wp.func
     def find_link_forces(w: wp.array[Real], n: int, chain: Chain):
-        """Stores tension, force and turning of every link with joints; sets contact forces to zero."""
+        """Stores tension, force and turning of every link with joints in CPU rows; clears contact forces."""
         rollers.repeat_first_roller(w, n)
         i = int(0)
         if not has_uneven_links(chain):
@@ -78,7 +78,7 @@ def joint_functions(Real: type, capacity: int) -> JointFunctions:
 
     @wp.func
     def find_joint_moment(w: wp.array[Real], i: int, mu: Real, chain: Chain, memory: kinds.Memory):
-        """Stores the friction moment of the joint after link `i`, and its bristle's."""
+        """Stores the friction moment of the joint after link `i`, and its bristle's, in rows."""
         tension, turn = access.load(w, row.tension + i), access.load(w, row.turn_rate + i)
         tension_after, turn_after = access.load(w, row.tension + i + 1), access.load(w, row.turn_rate + i + 1)
         held = access.load(w, row.joint_bristle + i + 1)
@@ -90,7 +90,7 @@ def joint_functions(Real: type, capacity: int) -> JointFunctions:
 
     @wp.func
     def find_joint_moments(w: wp.array[Real], n: int, chain: Chain, memory: kinds.Memory):
-        """Stores the friction moment of every joint, and its bristle's."""
+        """Stores the friction moments of all joints, and their bristles', in rows."""
         access.store(w, row.tension + n, access.load(w, row.tension))
         access.store(w, row.turn_rate + n, access.load(w, row.turn_rate))
         mu = chain.joint.mu_dynamic
@@ -131,7 +131,7 @@ def joint_functions(Real: type, capacity: int) -> JointFunctions:
     def add_friction_powers(w: wp.array[Real], n: int, chain: Chain, lag: Real, share: Real):
         """Adds the powers of joints' friction to rollers' tallies, at a leapfrog step's mean velocities.
 
-        `lag` [s] is from the velocities' instant to that of the forces; `share` is the part of a step to count.
+        `lag` [s] is from velocities to forces, `share` the part of a step to count.
         """
         i = int(0)
         while i < access.round_up(n):
@@ -144,7 +144,7 @@ def joint_functions(Real: type, capacity: int) -> JointFunctions:
 
     @wp.func
     def turn_rate(w: wp.array[Real], i: int, n: int, chain: Chain, lag: Real):
-        """Rate [rad/s] at which link `i` turns, `lag` [s] after the velocities' instant."""
+        """Rate of turning [rad/s] of link `i` in rows, `lag` [s] after the velocities' instant."""
         mine = rollers.acceleration(w, i, chain.inverse_mass, chain.gravity)
         of_next = rollers.acceleration(w, next_index(i, n), chain.inverse_mass, chain.gravity)
         lever, turn = link_turning(rollers.link_vector(w, i), rollers.link_velocity(w, i) + lag * (of_next - mine))
@@ -152,7 +152,7 @@ def joint_functions(Real: type, capacity: int) -> JointFunctions:
 
     @wp.func
     def friction_power(w: wp.array[Real], i: int, n: int, chain: Chain, lag: Real):
-        """Power [W] of friction in joint `i`, one of those that `add_friction_powers` adds."""
+        """Power [W] that joint `i` in CPU rows dissipates, as added by `add_friction_powers`."""
         turn = turn_rate(w, i, n, chain, lag)
         return joint_friction_power(
             access.load(w, row.moment + i), turn_rate(w, previous_index(i, n), n, chain, lag), turn

@@ -1,6 +1,6 @@
-"""Tallies of each link and roller of one variant, which a vectorized loop adds to in each step.
+"""Tallies of each link and roller of one variant on the CPU, added to in each step by vectorized loops.
 
-They are merged into the sums of chain and strands every `MERGE_EVERY` steps, before strands change their links.
+Sums of chain and strands merge them every `MERGE_EVERY` steps, before strands change their links.
 """
 
 from dataclasses import dataclass
@@ -18,7 +18,7 @@ from .rollers import roller_functions, rows
 
 @dataclass(frozen=True)
 class LinkTallyFunctions:
-    """CPU functions of links' and rollers' tallies."""
+    """CPU link tally functions."""
 
     clear: wp.Function
     add_rates: wp.Function
@@ -34,7 +34,7 @@ class LinkTallyFunctions:
 
 @cache
 def link_tally_functions(Real: type, capacity: int) -> LinkTallyFunctions:
-    """CPU functions of links' tallies, for rows of `capacity` values of type `Real`."""
+    """CPU link tally functions for rows of `capacity`."""
     kinds = types(Real)
     Chain = kinds.Chain
     vec2 = kinds.vec2
@@ -44,7 +44,7 @@ def link_tally_functions(Real: type, capacity: int) -> LinkTallyFunctions:
 
     @wp.func
     def clear(w: wp.array[Real], n: int):
-        """Sets the links' tallies to zero."""
+        """Sets the rows of links' tallies to zero."""
         i = int(0)
         while i < access.round_up(n):
             access.store(w, row.tension_min + i, Real(wp.inf))
@@ -55,7 +55,7 @@ def link_tally_functions(Real: type, capacity: int) -> LinkTallyFunctions:
 
     @wp.func
     def add_rates(w: wp.array[Real], n: int, share: Real):
-        """Adds a step's squared rates of elongation, times `share` of a step, to links' tallies."""
+        """Adds a step's squared rates of elongation, times `share` of a step, to the CPU's rows of links' tallies."""
         i = int(0)
         while i < access.round_up(n):
             rate = access.load(w, row.rate + i)
@@ -64,7 +64,7 @@ def link_tally_functions(Real: type, capacity: int) -> LinkTallyFunctions:
 
     @wp.func
     def widen_extremes(w: wp.array[Real], n: int):
-        """Widens the extremes of links' tallies by a step's tensions."""
+        """Widens extremes in the CPU's rows of links' tallies by a step's tensions."""
         i = int(0)
         while i < access.round_up(n):
             tension = access.load(w, row.tension + i)
@@ -74,7 +74,7 @@ def link_tally_functions(Real: type, capacity: int) -> LinkTallyFunctions:
 
     @wp.func
     def add_tensions(w: wp.array[Real], n: int, sums: ChainSums):
-        """The chain's sums with a sample of every link's tension."""
+        """Chain's sums with a sample of every link's tension in rows."""
         seen = LinkTally()
         for i in range(n):
             seen = add_tension(seen, access.load(w, row.tension + i))
@@ -84,7 +84,7 @@ def link_tally_functions(Real: type, capacity: int) -> LinkTallyFunctions:
 
     @wp.func
     def add_strand_tensions(w: wp.array[Real], n: int, strand: Strand, sums: StrandSums):
-        """A strand's sums with a sample of its links' tensions."""
+        """Strand's sums with a sample of its links' tensions in rows."""
         seen = LinkTally()
         link = strand.first_link
         for _ in range(strand.links):
@@ -96,14 +96,14 @@ def link_tally_functions(Real: type, capacity: int) -> LinkTallyFunctions:
 
     @wp.func
     def merge_extremes_of(w: wp.array[Real], i: int, sums: Any):
-        """`sums` with the extremes of link i's tally."""
+        """Sums with the extremes of tension of link i's tally."""
         return merge_extremes(
             sums, wp.float64(access.load(w, row.tension_min + i)), wp.float64(access.load(w, row.tension_max + i))
         )
 
     @wp.func
     def merge_links(w: wp.array[Real], n: int, chain: Chain, sums: ChainSums, step: wp.float64):
-        """The chain's `sums` with the tallies of all links; `step` is its length [s]."""
+        """Chain's sums with the tallies of all links; `step` is its length [s]."""
         for i in range(n):
             if i + 1 != chain.absent:
                 sums = merge_extremes_of(w, i, sums)
@@ -113,14 +113,14 @@ def link_tally_functions(Real: type, capacity: int) -> LinkTallyFunctions:
 
     @wp.func
     def merge_friction(w: wp.array[Real], n: int, friction: wp.float64, step: wp.float64):
-        """`friction` [J] with that of joints in the tallies of all rollers."""
+        """Work of joints' friction [J] with that in the tallies of all rollers."""
         for i in range(n):
             friction = friction + step * wp.float64(access.load(w, row.joint_friction + i))
         return friction
 
     @wp.func
     def mid_displacement(w: wp.array[Real], n: int, strand: Strand):
-        """Transverse displacement [m] of the chain at mid-strand, positive to the left of travel."""
+        """Transverse displacement [m] of the chain in rows at mid-strand, positive to the left of travel."""
         i = strand.middle
         j = next_index(i, n)
         return mid_strand_displacement(
@@ -133,7 +133,7 @@ def link_tally_functions(Real: type, capacity: int) -> LinkTallyFunctions:
 
     @wp.func
     def merge_strand_links(w: wp.array[Real], n: int, strand: Strand, sums: StrandSums):
-        """A strand's `sums` with the tallies of its links."""
+        """Strand's sums with the tallies of its links."""
         link = strand.first_link
         for _ in range(strand.links):
             sums = merge_extremes_of(w, link, sums)
@@ -142,7 +142,7 @@ def link_tally_functions(Real: type, capacity: int) -> LinkTallyFunctions:
 
     @wp.func
     def rollers_energy(w: wp.array[Real], n: int, chain: Chain, back: Real):
-        """Kinetic, elastic and potential energy [J] of rollers and links, `back` [s] after the velocities' instant."""
+        """Energy [J] of all rollers and links in rows, `back` [s] after the velocities' instant."""
         total = wp.float64(0.0)
         i = int(0)
         while i < n:

@@ -1,4 +1,4 @@
-"""Wrenches and moments on single bodies of one variant: of contacts and tensioners, loads, arms' springs, motors."""
+"""Wrenches and moments on single bodies on the CPU: of contacts and tensioners, loads, arms' springs, motors."""
 
 from dataclasses import dataclass
 from functools import cache
@@ -15,7 +15,7 @@ from .body_states import arm_of
 
 @dataclass(frozen=True)
 class LoadFunctions:
-    """Wrenches and moments on single bodies of one variant."""
+    """CPU load functions."""
 
     body_wrench: wp.Function
     body_load: wp.Function
@@ -24,13 +24,13 @@ class LoadFunctions:
 
 @cache
 def load_functions(Real: type) -> LoadFunctions:
-    """The functions that find wrenches and moments on single bodies of one variant."""
+    """CPU load functions at type `Real`."""
     kinds = types(Real)
     Ensemble, State = kinds.Ensemble, kinds.State
 
     @wp.func
     def body_wrench(ensemble: Ensemble, state: State, drive: Drive, b: int):
-        """The wrench of contacts and tensioners on body `b` of all."""
+        """Wrench of contacts and tensioners on body `b` of all, from the CPU's state."""
         wrench = state.wrenches[b]
         for t in range(drive.first_tensioner, drive.first_tensioner + drive.tensioners):
             if drive.first_body + ensemble.tensioners[t].body == b:
@@ -39,7 +39,7 @@ def load_functions(Real: type) -> LoadFunctions:
 
     @wp.func
     def body_load(ensemble: Ensemble, state: State, drive: Drive, body: BodyState, b: int, time: wp.float64):
-        """Load moment [N m] on body `b` of all, of an arm that of its own springs and weight."""
+        """Load moment [N m] on body `b` of all on the CPU; of an arm, that of its springs and weight."""
         load = load_moment(time, body.angle, body.speed, ensemble.motions[b], ensemble)
         arm = arm_of(drive, b)
         if arm >= 0:
@@ -53,7 +53,7 @@ def load_functions(Real: type) -> LoadFunctions:
 
     @wp.func
     def body_motor_moment(ensemble: Ensemble, state: State, drive: Drive, b: int, time: wp.float64):
-        """Moment [N m] of the motor on body `b` of all."""
+        """Moment [N m] of the motor on body `b` of all on the CPU."""
         moment = wp.float64(0.0)
         shaft = b - drive.first_body - drive.sprockets
         if shaft >= 0 and shaft < drive.shafts:

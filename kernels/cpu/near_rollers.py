@@ -1,4 +1,4 @@
-"""Rollers near a sprocket or guide, and the memory of contacts that leave it."""
+"""Rollers near a sprocket or guide on the CPU, and the memory of contacts that leave it."""
 
 from dataclasses import dataclass
 from functools import cache
@@ -18,7 +18,7 @@ from .seats import seat_functions
 
 @dataclass(frozen=True)
 class NearRollerFunctions:
-    """CPU functions that find the rollers near a partner."""
+    """CPU near roller functions."""
 
     find_poses: wp.Function
     memory_at_chain: wp.Function
@@ -30,7 +30,7 @@ class NearRollerFunctions:
 
 @cache
 def near_roller_functions(Real: type, capacity: int) -> NearRollerFunctions:
-    """CPU functions that find rollers near a partner, for rows of `capacity` values of type `Real`."""
+    """CPU near roller functions for rows of `capacity`."""
     kinds = types(Real)
     Ensemble, State, Memory = kinds.Ensemble, kinds.State, kinds.Memory
     partners = partner_functions(Real)
@@ -44,14 +44,14 @@ def near_roller_functions(Real: type, capacity: int) -> NearRollerFunctions:
 
     @wp.func
     def find_poses(state: State, drive: Drive):
-        """Sets the poses of all bodies of a drive."""
+        """Sets the poses of all bodies of a drive in the CPU's state."""
         # one right after the other: each is a long chain of operations that waits for itself only
         for b in range(drive.first_body, drive.first_body + drive.bodies):
             state.poses[b] = pose_of(state.bodies[b])
 
     @wp.func
     def memory_at_chain(memory: Memory, drive: Drive, chain: kinds.Chain):
-        """Contacts' memory at the first partner of a drive, for its chain."""
+        """Contact memory at a drive's first partner, for its chain."""
         memory.first = drive.first_contact
         memory.inverse_mass = chain.inverse_mass
         memory.gravity = chain.gravity
@@ -60,7 +60,7 @@ def near_roller_functions(Real: type, capacity: int) -> NearRollerFunctions:
 
     @wp.func
     def contact_memory(state: State, drive: Drive):
-        """Contacts' memory at the first partner of a drive, before `memory_at_chain`."""
+        """Contact memory at a drive's first partner on the CPU, before `memory_at_chain`."""
         memory = Memory()
         memory.seat = state.seat
         memory.impact_speed = state.impact_speed
@@ -73,7 +73,7 @@ def near_roller_functions(Real: type, capacity: int) -> NearRollerFunctions:
 
     @wp.func
     def mark_near(w: wp.array[Real], first: int, end: int, partner: partners.Partner):
-        """Marks rollers from `first` to before `end` that are near a partner."""
+        """Marks rollers `first` to before `end` that are near a partner."""
         if partner.teeth != 0:
             seats.mark_engaged(w, first, end, partner.sprocket, partner.pose)
         elif partner.guide.pieces == 0:
@@ -83,7 +83,7 @@ def near_roller_functions(Real: type, capacity: int) -> NearRollerFunctions:
 
     @wp.func
     def forget_seats(w: wp.array[Real], first: int, count: int, near: wp.uint64, points: int, memory: Memory):
-        """Clears seats or pieces, and contacts, of rollers no longer near; returns who had one, as bits."""
+        """Clears seats or pieces, and contacts, of rollers not near; returns those that had one, as bits."""
         seated = seat_access.find_unlike(memory.seat, memory.first + first, count, -1)
         left = seated & ~near
         while left != wp.uint64(0):
@@ -100,7 +100,7 @@ def near_roller_functions(Real: type, capacity: int) -> NearRollerFunctions:
     def forget_partner(
         w: wp.array[Real], first: int, count: int, near: wp.uint64, partner: partners.Partner, memory: Memory
     ):
-        """Clears the contacts with a partner of rollers not near; returns who had a seat or piece, as bits."""
+        """Clears contacts with a partner of rollers not near; returns those that had a seat or piece, as bits."""
         seated = wp.uint64(0)
         if partner.teeth != 0 or partner.guide.pieces != 0:
             seated = forget_seats(w, first, count, near, partner.points, memory)
@@ -137,7 +137,7 @@ def near_roller_functions(Real: type, capacity: int) -> NearRollerFunctions:
 
     @wp.func
     def near_group(w: wp.array[Real], first: int, end: int, n: int, partner: partners.Partner, memory: Memory):
-        """Group of rollers from `first` to before `end` near a partner; clears the others' contacts."""
+        """Group of rollers `first` to before `end` near a partner; clears the others' contacts."""
         mark_near(w, first, end, partner)
         count = wp.min(n, end) - first
         near = access.find_unlike(w, row.near + first, count, Real(0.0))
@@ -152,7 +152,7 @@ def near_roller_functions(Real: type, capacity: int) -> NearRollerFunctions:
     def find_gap_contacts(
         w: wp.array[Real], ensemble: Ensemble, first: int, end: int, n: int, partner: partners.Partner, memory: Memory
     ):
-        """Stores gap coordinates of rollers `first` to before `end` in a sprocket; returns the group that may touch."""
+        """Stores tooth gap coordinates of rollers `first` to before `end`; returns the group that may touch."""
         # in most steps no roller comes, leaves or changes its seat
         moved, others = seats.find_gap_coordinates(w, first, end, n, partner.sprocket, partner.pose, partner.body)
         if others != 0 or moved != wp.uint64(0):

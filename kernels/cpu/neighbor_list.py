@@ -1,8 +1,7 @@
 """Neighbor list on the CPU: runs of rollers that can come near a partner within the next steps.
 
-Every so often all rollers are compared with each partner, widened by a skin; those found are kept as runs of up to
-`GROUP` rollers in a row. While no roller or body is faster than a limit, no other comes through more than 0.7 of the
-skin as long as the runs hold, so that results do not depend on runs.
+Rollers near a partner widened by a skin are kept as runs of up to `GROUP` rollers in a row. While no roller or body is
+faster than a limit, no other comes through more than 0.7 of the skin, so that results do not depend on runs.
 """
 
 from dataclasses import dataclass
@@ -19,15 +18,15 @@ SKIN = 0.25
 
 
 GROUP = wp.constant(64)
-"""Most rollers of a group."""
+"""Largest number of rollers of a neighbor list's group."""
 
 
 RUN_GAP = wp.constant(16)
-"""Rollers between two near ones from which on a run of the neighbor list ends."""
+"""Number of rollers between two near ones that ends a run of the neighbor list."""
 
 
 MOST_STEPS = 64
-"""Most steps for which the neighbor list holds."""
+"""Largest number of steps for which the neighbor list holds."""
 
 
 @wp.struct
@@ -43,35 +42,35 @@ class Group:
 
 @wp.func_native("return __builtin_ctzll(bits);")
 def lowest_bit(bits: wp.uint64) -> int:
-    """Position of the lowest bit set."""
+    """Position of the lowest bit set of a neighbor group's 64."""
 
 
 @wp.func_native("return 63 - __builtin_clzll(bits);")
 def highest_bit(bits: wp.uint64) -> int:
-    """Position of the highest bit set."""
+    """Position of the highest bit set of a neighbor group's 64."""
 
 
 @wp.func
 def single_bit(k: int):
-    """64 bits of which bit `k` alone is set."""
+    """64 bits of a neighbor group of which bit `k` alone is set."""
     return wp.uint64(1) << wp.uint64(k)
 
 
 @wp.func
 def without_lowest_bit(bits: wp.uint64):
-    """The bits without the lowest."""
+    """A neighbor group's bits without the lowest."""
     return bits & (bits - wp.uint64(1))
 
 
 @wp.func
 def is_near(group: Group, i: int):
-    """Whether roller `i`, between the group's `low` and `high`, is near."""
+    """Whether roller `i`, between a neighbor group's `low` and `high`, is near."""
     return ((group.near >> wp.uint64(i - group.first)) & wp.uint64(1)) != wp.uint64(0)
 
 
 @dataclass(frozen=True)
 class NeighborListFunctions:
-    """CPU functions of the neighbor list: runs of rollers near partners."""
+    """CPU neighbor list functions."""
 
     store_runs: wp.Function
     mark_all_near: wp.Function
@@ -88,7 +87,7 @@ class NeighborListFunctions:
 
 @cache
 def neighbor_list_functions(Real: type, capacity: int) -> NeighborListFunctions:
-    """CPU functions of the neighbor list, in rows of `capacity` values of type `Real`."""
+    """CPU neighbor list functions for rows of `capacity`."""
     kinds = types(Real)
     lanes = LANES[Real]
     access = row_access(Real)
@@ -96,22 +95,22 @@ def neighbor_list_functions(Real: type, capacity: int) -> NeighborListFunctions:
 
     @wp.func
     def group_count(n: int):
-        """Number of whole groups of `n` rollers."""
+        """Number of whole neighbor groups of `n` rollers."""
         return (n + GROUP - 1) // GROUP
 
     @wp.func
     def run_slots(n: int):
-        """Most runs of one partner in the neighbor list."""
+        """Largest number of runs of one partner in the neighbor list."""
         return group_count(n) + 2
 
     @wp.func
     def is_crowded(drive: Drive):
-        """Whether rows have no room for a neighbor list; runs are then all rollers' whole groups."""
+        """Whether rows have no room for a neighbor list; runs are then the whole groups."""
         return (drive.sprockets + drive.guides) * run_slots(drive.rollers) > wp.static(capacity)
 
     @wp.func
     def store_runs(w: wp.array[Real], n: int, p: int):
-        """Stores the rollers that are marked near as the runs of partner `p`."""
+        """Stores the marked rollers as neighbor list runs of partner `p`."""
         place = p * run_slots(n) - 1
         count = int(0)
         first = int(0)
@@ -139,7 +138,7 @@ def neighbor_list_functions(Real: type, capacity: int) -> NeighborListFunctions:
 
     @wp.func
     def reset(w: wp.array[Real], drive: Drive):
-        """Makes the whole chain the runs of each partner, to be rebuilt before the next step."""
+        """Makes the whole chain each partner's runs, until the neighbor list is rebuilt."""
         mark_all_near(w, drive.rollers)
         if not is_crowded(drive):
             for p in range(drive.sprockets + drive.guides):
@@ -154,7 +153,7 @@ def neighbor_list_functions(Real: type, capacity: int) -> NeighborListFunctions:
 
     @wp.func
     def invalidate_if_fast(w: wp.array[Real], velocity: wp.vec2d):
-        """Ends the neighbor list's lifetime if a body's center, which has moved, is too fast."""
+        """Ends the neighbor list's lifetime if a moved body's center is too fast."""
         limit = wp.float64(access.load(w, row.lifetime + 1))
         if not (wp.dot(velocity, velocity) <= limit * limit):
             access.store(w, row.lifetime, Real(0.0))
@@ -166,7 +165,7 @@ def neighbor_list_functions(Real: type, capacity: int) -> NeighborListFunctions:
 
     @wp.func
     def set_lifetime(w: wp.array[Real], drive: Drive):
-        """Sets the steps for which a new neighbor list holds, for speeds up to 5/4 of the fastest now."""
+        """Sets the steps for which a new neighbor list holds, up to 5/4 of the fastest speed now."""
         square = Real(0.0)
         for i in range(drive.rollers):
             vx = access.load(w, row.vx + i)
@@ -187,7 +186,7 @@ def neighbor_list_functions(Real: type, capacity: int) -> NeighborListFunctions:
 
     @wp.func
     def run_span(w: wp.array[Real], drive: Drive, p: int, k: int):
-        """First roller and number of rollers of run `k` of partner `p`, multiples of the lanes."""
+        """First roller and number of rollers of the neighbor list's run `k` of partner `p`."""
         n = drive.rollers
         if is_crowded(drive):
             return k * GROUP, wp.min(access.round_up(n - k * GROUP), GROUP)
@@ -196,7 +195,7 @@ def neighbor_list_functions(Real: type, capacity: int) -> NeighborListFunctions:
 
     @wp.func
     def near_group(first: int, near: wp.uint64, fresh: wp.uint64):
-        """Group that begins at roller `first`, with bits `near`, not 0, and `fresh`."""
+        """Neighbor group from roller `first` on, with bits `near`, not 0, and `fresh`."""
         group = Group()
         group.first = first
         group.near = near
@@ -207,7 +206,7 @@ def neighbor_list_functions(Real: type, capacity: int) -> NeighborListFunctions:
 
     @wp.func
     def whole_group(first: int, end: int):
-        """Group of all rollers from `first` to before `end`."""
+        """Neighbor group of all rollers from `first` to before `end`."""
         group = Group()
         group.first = first
         group.low = first

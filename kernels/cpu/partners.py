@@ -1,4 +1,4 @@
-"""Partners of one variant's contacts: the sprockets and guides that its rollers touch."""
+"""Partners of one variant's contacts on the CPU: the sprockets and guides that its rollers touch."""
 
 from dataclasses import dataclass
 from functools import cache
@@ -12,7 +12,7 @@ from ..structs import GROUND, Drive, Pose, types
 
 @dataclass(frozen=True)
 class PartnerFunctions:
-    """CPU functions of a variant's sprockets and guides with their contact laws."""
+    """CPU contact partner functions."""
 
     Partner: Any
     sprocket_partner: wp.Function
@@ -26,7 +26,7 @@ class PartnerFunctions:
 
 @cache
 def partner_functions(Real: type) -> PartnerFunctions:
-    """CPU functions of the partners of a variant's contacts, at type `Real`."""
+    """CPU contact partner functions at type `Real`."""
     kinds = types(Real)
     Ensemble, State = kinds.Ensemble, kinds.State
 
@@ -90,7 +90,7 @@ def partner_functions(Real: type) -> PartnerFunctions:
 
     @wp.func
     def friction_of_partner(ensemble: Ensemble, drive: Drive, p: int):
-        """Friction of partner `p` of a drive."""
+        """Friction of contact partner `p` of a drive."""
         if p < drive.sprockets:
             friction = ensemble.tooth_friction[drive.first_sprocket + p]
             return friction
@@ -99,7 +99,7 @@ def partner_functions(Real: type) -> PartnerFunctions:
 
     @wp.func
     def carrier_of_partner(ensemble: Ensemble, drive: Drive, p: int):
-        """Body that carries partner `p` of a drive, or `GROUND`."""
+        """Body that carries contact partner `p` of a drive, or `GROUND`."""
         body = p
         if p >= drive.sprockets:
             body = ensemble.guides[drive.first_guide + p - drive.sprockets].body
@@ -107,7 +107,7 @@ def partner_functions(Real: type) -> PartnerFunctions:
 
     @wp.func
     def widened_partner(partner: Partner, skin: Real):
-        """A contact partner to which rollers within `skin` [m] more are near."""
+        """Contact partner widened by `skin` [m]."""
         far = wp.sqrt(partner.sprocket.far_square) + skin
         near = wp.max(wp.sqrt(partner.sprocket.near_square) - skin, Real(0.0))
         partner.sprocket.far_square = far * far

@@ -20,10 +20,7 @@ from .toes import toe_functions
 
 @cache
 def relax_kernel(Real: type, capacity: int, silent: bool = False) -> wp.Kernel:
-    """CPU kernel that settles variants, for up to `capacity` - 1 rollers of a chain.
-
-    Only where `silent` may a variant have silent chains.
-    """
+    """CPU kernel that settles variants, for up to `capacity` - 1 rollers of a chain; only with `silent` silent ones."""
     kinds = types(Real)
     Ensemble, State, Chain = kinds.Ensemble, kinds.State, kinds.Chain
     rollers = roller_functions(Real, capacity)
@@ -38,7 +35,7 @@ def relax_kernel(Real: type, capacity: int, silent: bool = False) -> wp.Kernel:
 
     @wp.func
     def kinetic_energy(w: wp.array[Real], n: int, mass: Real):
-        """Kinetic energy [J] of rollers in settling."""
+        """Kinetic energy [J] of rollers in settling on the CPU."""
         total = wp.float64(0.0)
         i = int(0)
         while i < n:
@@ -50,7 +47,7 @@ def relax_kernel(Real: type, capacity: int, silent: bool = False) -> wp.Kernel:
 
     @wp.func
     def arms_energy(ensemble: Ensemble, state: State, drive: Drive):
-        """Kinetic energy [J] of arms in settling."""
+        """Kinetic energy [J] of arms in settling on the CPU."""
         total = wp.float64(0.0)
         for a in range(drive.arms):
             b = drive.first_body + drive.bodies - drive.arms + a
@@ -60,7 +57,7 @@ def relax_kernel(Real: type, capacity: int, silent: bool = False) -> wp.Kernel:
 
     @wp.func
     def largest_arm_acceleration(ensemble: Ensemble, state: State, drive: Drive, chain: Chain):
-        """Largest net moment on an arm, as acceleration [m/s^2] of a roller at its reach."""
+        """Largest net moment on an arm in settling, as acceleration [m/s^2] of a roller at its reach."""
         worst = wp.float64(0.0)
         for a in range(drive.arms):
             b = drive.first_body + drive.bodies - drive.arms + a
@@ -72,7 +69,7 @@ def relax_kernel(Real: type, capacity: int, silent: bool = False) -> wp.Kernel:
 
     @wp.func
     def relax_arms(ensemble: Ensemble, state: State, drive: Drive, kick: wp.float64, h: wp.float64):
-        """Takes every arm one step of relaxation on."""
+        """Moves every arm by one step of relaxation."""
         for a in range(drive.arms):
             b = drive.first_body + drive.bodies - drive.arms + a
             rates = bodies.accelerations_of(ensemble, state, drive, b, wp.float64(0.0))
@@ -99,7 +96,7 @@ def relax_kernel(Real: type, capacity: int, silent: bool = False) -> wp.Kernel:
     def settle_variant(
         ensemble: Ensemble, state: State, settling: wp.array[Settling], variant: int, w: wp.array[Real], steps: int
     ):
-        """Takes one variant up to `steps` steps of relaxation on."""
+        """Settles one variant on the CPU by up to `steps` steps of relaxation."""
         drive = ensemble.drives[variant]
         chain = ensemble.chains[variant]
         chain.joint.inertia = Real(0.0)  # no friction while settling
@@ -138,7 +135,7 @@ def relax_kernel(Real: type, capacity: int, silent: bool = False) -> wp.Kernel:
     def relax(
         ensemble: Ensemble, state: State, settling: wp.array[Settling], w: wp.array[Real], first: int, steps: int
     ):
-        """Takes variants `first` + thread up to `steps` steps of relaxation on."""
+        """Settles variants `first` + thread on the CPU by up to `steps` steps of relaxation."""
         settle_variant(ensemble, state, settling, first + wp.tid(), w, steps)
 
     return relax

@@ -1,7 +1,6 @@
 """Tensioner's test rig on the CPU: one a thread, its plunger moved on a sine as by a shaker.
 
-x = x_0 + amplitude sin(2 pi f t), from the state at rest at x_0. The work W = -int F dx that the shaker does on the
-plunger goes by the mean of the forces at a step's ends.
+x = x_0 + amplitude sin(2 pi f t), from rest at x_0. The shaker's work is W = -int F dx.
 """
 
 import math
@@ -21,7 +20,7 @@ from ..structs import Tensioner, TensionerFlows
 from ..sums import add_flows
 
 SAMPLE_COLUMNS = ("extension", "force", "pressure", "valve_lift", "leaked", "supplied")
-"""Columns of a rig's sample; flows since the start."""
+"""Columns of a tensioner rig's sample; flows since the start."""
 
 
 @wp.struct
@@ -38,7 +37,7 @@ class Ride:
 
 @wp.struct
 class RideSums:
-    """Sums of a plunger's ride over its last cycle."""
+    """Sums of a plunger's ride on the rig over its last cycle."""
 
     force_min: wp.float64  # [N]
     force_max: wp.float64
@@ -70,7 +69,7 @@ def shake_plungers(
     samples: wp.array3d[wp.float64],
     sums: wp.array[RideSums],
 ):
-    """Rides tensioners from number `first` on and writes samples (rides, samples, columns) and sums."""
+    """Shakes tensioners from number `first` on, and writes samples (rides, samples, columns) and sums."""
     r = first + wp.tid()
     ride = rides[r]
     tensioner = tensioners[r]

@@ -1,7 +1,7 @@
 """The rollers of one variant on the CPU: their rows in a scratch, link forces, kick and drift.
 
-Rows have a constant length (`rows`). Read and written through `native.row_access` in plain loops (`while`, not `range`)
-without branches, they vectorize (docs/performance.md).
+Rows have a constant length (`rows`). Loops through `native.row_access` (`while`, not `range`) without branches
+vectorize (docs/performance.md).
 """
 
 from dataclasses import dataclass, fields
@@ -16,7 +16,7 @@ from ..structs import types
 
 @dataclass(frozen=True)
 class Rows:
-    """First index of each row of a scratch, in order."""
+    """First index of each row of a CPU scratch, in order."""
 
     x: int  # position [m]
     y: int
@@ -122,12 +122,12 @@ class Rows:
 
 
 ROWS = tuple(field.name for field in fields(Rows))
-"""Names of a scratch's rows."""
+"""Names of a CPU scratch's rows."""
 
 
 @cache
 def rows(capacity: int) -> Rows:
-    """First indices of a scratch's rows of `capacity` values."""
+    """First indices of a CPU scratch's rows of `capacity` values."""
     firsts = {name: k * capacity for k, name in enumerate(ROWS)}
     for name in ("link_x", "link_y"):
         firsts[name] += 15  # so that what stands at i + 1 begins with a cache line, at both precisions
@@ -136,7 +136,7 @@ def rows(capacity: int) -> Rows:
 
 @dataclass(frozen=True)
 class RollerFunctions:
-    """CPU functions on the rollers of one variant."""
+    """CPU roller functions."""
 
     fetch: wp.Function
     put_back: wp.Function
@@ -156,7 +156,7 @@ class RollerFunctions:
 
 @cache
 def roller_functions(Real: type, capacity: int) -> RollerFunctions:
-    """CPU functions on rollers, for rows of `capacity` values of type `Real`."""
+    """CPU roller functions for rows of `capacity`."""
     kinds = types(Real)
     Chain = kinds.Chain
     vec2 = kinds.vec2
@@ -166,10 +166,7 @@ def roller_functions(Real: type, capacity: int) -> RollerFunctions:
 
     @wp.func
     def fetch(state: kinds.State, lengths: wp.array[Real], w: wp.array[Real], first: int, n: int):
-        """Copies a chain's rollers, masses, bristles and link lengths from the state into the scratch.
-
-        The chain has `n` rollers from roller `first` on.
-        """
+        """Copies a chain's `n` rollers, from `first` on, and link lengths from the state into the CPU's scratch."""
         for k in range(STATE_ROWS):
             for i in range(n):
                 w[k * wp.static(capacity) + i] = state.rollers[STATE_ROWS * first + k * n + i]
@@ -185,7 +182,7 @@ def roller_functions(Real: type, capacity: int) -> RollerFunctions:
 
     @wp.func
     def put_back(state: kinds.State, w: wp.array[Real], first: int, n: int):
-        """Copies a chain's rollers and bristles from the scratch into the state."""
+        """Copies a chain's rollers and bristles from the CPU's scratch into the state."""
         for k in range(STATE_ROWS):
             for i in range(n):
                 state.rollers[STATE_ROWS * first + k * n + i] = w[k * wp.static(capacity) + i]
@@ -204,7 +201,7 @@ def roller_functions(Real: type, capacity: int) -> RollerFunctions:
 
     @wp.func
     def exact_position(w: wp.array[Real], i: int):
-        """Position [m] of roller `i` in float64."""
+        """Position [m] of roller `i` in float64, from the CPU's rows."""
         if wp.static(compensated):
             return wp.vec2d(
                 wp.float64(access.load(w, row.x + i)) + wp.float64(access.load(w, row.x_low + i)),
@@ -215,7 +212,7 @@ def roller_functions(Real: type, capacity: int) -> RollerFunctions:
 
     @wp.func
     def link_vector(w: wp.array[Real], i: int):
-        """Vector [m] from roller `i` to roller i + 1, exact at float32 too."""
+        """Vector [m] from roller `i` to roller i + 1 in rows, exact at float32 too."""
         d = vec2(
             access.load(w, row.x + i + 1) - access.load(w, row.x + i),
             access.load(w, row.y + i + 1) - access.load(w, row.y + i),
@@ -229,7 +226,7 @@ def roller_functions(Real: type, capacity: int) -> RollerFunctions:
 
     @wp.func
     def link_velocity(w: wp.array[Real], i: int):
-        """Velocity [m/s] of roller i + 1 relative to roller `i`."""
+        """Velocity [m/s] of roller i + 1 relative to roller `i`, from rows."""
         return vec2(
             access.load(w, row.vx + i + 1) - access.load(w, row.vx + i),
             access.load(w, row.vy + i + 1) - access.load(w, row.vy + i),
@@ -237,7 +234,7 @@ def roller_functions(Real: type, capacity: int) -> RollerFunctions:
 
     @wp.func
     def store_link_force(w: wp.array[Real], i: int, tension: Real, rate: Real, u: vec2):
-        """Stores tension and force of link `i`; sets contact forces to zero."""
+        """Stores tension and force of link `i`; clears contact forces."""
         access.store(w, row.tension + i, tension)
         access.store(w, row.rate + i, rate)
         access.store(w, row.link_x + i + 1, tension * u[0])
@@ -247,7 +244,7 @@ def roller_functions(Real: type, capacity: int) -> RollerFunctions:
 
     @wp.func
     def move(w: wp.array[Real], i: int, dx: Real, dy: Real):
-        """Moves roller `i` by (dx, dy) [m], with float32's rounding in the low parts."""
+        """Moves roller `i` in CPU rows by (dx, dy) [m], with float32's rounding in the low parts."""
         if wp.static(compensated):
             x, x_low = compensated_sum(access.load(w, row.x + i), access.load(w, row.x_low + i), dx)
             y, y_low = compensated_sum(access.load(w, row.y + i), access.load(w, row.y_low + i), dy)
@@ -261,7 +258,7 @@ def roller_functions(Real: type, capacity: int) -> RollerFunctions:
 
     @wp.func
     def repeat_first_roller(w: wp.array[Real], n: int):
-        """Copies roller 0 to roller n, which closes the chain."""
+        """Copies roller 0 to roller n in rows, which closes the chain."""
         access.store(w, row.x + n, access.load(w, row.x))
         access.store(w, row.y + n, access.load(w, row.y))
         access.store(w, row.vx + n, access.load(w, row.vx))
@@ -272,7 +269,7 @@ def roller_functions(Real: type, capacity: int) -> RollerFunctions:
 
     @wp.func
     def find_link_forces(w: wp.array[Real], n: int, chain: Chain):
-        """Stores tension and force of every link, eq. (2), (3), link i's at i + 1; sets contact forces to zero."""
+        """Stores tension and force of every link in CPU rows, eq. (2), (3); clears contact forces."""
         repeat_first_roller(w, n)
         i = int(0)
         while i < access.round_up(n):
@@ -285,10 +282,7 @@ def roller_functions(Real: type, capacity: int) -> RollerFunctions:
 
     @wp.func
     def acceleration_components(w: wp.array[Real], i: int, inverse_mass: Real, gravity: vec2):
-        """Acceleration [m/s^2] of roller `i` by links, contacts and gravity, in x and y.
-
-        `inverse_mass` is the chain's [1/kg].
-        """
+        """Acceleration [m/s^2] of roller `i` by links, contacts and gravity, in x and y, from CPU rows."""
         x = access.load(w, row.link_x + i + 1) - access.load(w, row.link_x + i) + access.load(w, row.fx + i)
         y = access.load(w, row.link_y + i + 1) - access.load(w, row.link_y + i) + access.load(w, row.fy + i)
         own = inverse_mass * access.load(w, row.mobility + i)
@@ -296,13 +290,13 @@ def roller_functions(Real: type, capacity: int) -> RollerFunctions:
 
     @wp.func
     def acceleration(w: wp.array[Real], i: int, inverse_mass: Real, gravity: vec2):
-        """Acceleration [m/s^2] of roller `i` by links, contacts and gravity, as a vector."""
+        """Acceleration [m/s^2] of roller `i` by the forces in CPU rows and gravity, as a vector."""
         ax, ay = acceleration_components(w, i, inverse_mass, gravity)
         return vec2(ax, ay)
 
     @wp.func
     def kick_and_drift(w: wp.array[Real], n: int, chain: Chain, kick: Real, h: Real):
-        """Advances all rollers: v += kick a, then x += h v; ages the neighbor list, or ends it where one is fast."""
+        """Moves all rollers in CPU rows: v += kick a, then x += h v; ages the neighbor list, or ends it."""
         inverse_mass = chain.inverse_mass
         limit = access.load(w, row.lifetime + 1) * access.load(w, row.lifetime + 1)
         fast = int(0)

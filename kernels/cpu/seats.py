@@ -1,4 +1,4 @@
-"""Seats of rollers in one sprocket, and where the rollers are in the seats' gaps."""
+"""Seats of rollers in one sprocket on the CPU, and gap coordinates of the rollers."""
 
 from dataclasses import dataclass
 from functools import cache
@@ -14,7 +14,7 @@ from .rollers import roller_functions, rows
 
 @dataclass(frozen=True)
 class SeatFunctions:
-    """CPU functions of rollers' seats in one sprocket."""
+    """CPU seat functions."""
 
     mark_engaged: wp.Function
     forget_directions: wp.Function
@@ -25,7 +25,7 @@ class SeatFunctions:
 
 @cache
 def seat_functions(Real: type, capacity: int) -> SeatFunctions:
-    """CPU functions of seats in one sprocket, for rows of `capacity` values of type `Real`."""
+    """CPU seat functions for rows of `capacity`."""
     Memory, Sprocket = types(Real).Memory, types(Real).Sprocket
     compensated = Real == wp.float32
     rollers = roller_functions(Real, capacity)
@@ -35,7 +35,7 @@ def seat_functions(Real: type, capacity: int) -> SeatFunctions:
 
     @wp.func
     def mark_engaged(w: wp.array[Real], first: int, end: int, sprocket: Sprocket, body: Pose):
-        """Marks rollers from `first` to before `end` that are between a sprocket's teeth."""
+        """Marks rollers `first` to before `end` that are between a sprocket's teeth."""
         center_x = Real(body.center[0])
         center_y = Real(body.center[1])
         i = first
@@ -69,7 +69,7 @@ def seat_functions(Real: type, capacity: int) -> SeatFunctions:
 
     @wp.func
     def find_seats(w: wp.array[Real], group: Group, sprocket: Sprocket, body: Pose, memory: Memory):
-        """Finds the seats of rollers that have none yet, by angle."""
+        """Stores the seats of rollers that have none yet, by angle."""
         bits = group.fresh
         while bits != wp.uint64(0):
             i = group.first + lowest_bit(bits)
@@ -79,7 +79,7 @@ def seat_functions(Real: type, capacity: int) -> SeatFunctions:
 
     @wp.func
     def store_compensated(w: wp.array[Real], high: int, low: int, value: wp.float64):
-        """Stores a float64 in a row, and at float32 its rounding in row `low`."""
+        """Stores a float64 in a row for seats, and at float32 its rounding in row `low`."""
         rounded = Real(value)
         access.store(w, high, rounded)
         if wp.static(compensated):
@@ -87,7 +87,7 @@ def seat_functions(Real: type, capacity: int) -> SeatFunctions:
 
     @wp.func
     def load_compensated(w: wp.array[Real], high: int, low: int):
-        """Float64 that `store_compensated` has stored in rows."""
+        """Float64 that `store_compensated` has stored in rows for seats."""
         value = wp.float64(access.load(w, high))
         if wp.static(compensated):
             value += wp.float64(access.load(w, low))
@@ -120,7 +120,7 @@ def seat_functions(Real: type, capacity: int) -> SeatFunctions:
     ):
         """Stores gap coordinates of rollers by the seats that they kept on sprocket `number`.
 
-        Returns who is nearer to another seat, as bits, and 1 if others are near than have a seat.
+        Returns those nearer to another seat, as bits, and 1 if others are near than have a seat.
         """
         center_x = Real(body.center[0])
         center_y = Real(body.center[1])
@@ -159,7 +159,7 @@ def seat_functions(Real: type, capacity: int) -> SeatFunctions:
         seats: wp.array[wp.vec2d],
         memory: Memory,
     ):
-        """Changes seats of rollers that are nearer to another one."""
+        """Changes seats of rollers, bits `moved`, that are nearer to another one."""
         bits = moved
         while bits != wp.uint64(0):
             i = group.first + lowest_bit(bits)
@@ -181,7 +181,7 @@ def seat_functions(Real: type, capacity: int) -> SeatFunctions:
         seats: wp.array[wp.vec2d],
         memory: Memory,
     ):
-        """Finds seats and gap coordinates of a group's near rollers in one sprocket."""
+        """Stores seats and gap coordinates of a group's near rollers in one sprocket."""
         find_seats(w, group, sprocket, body, memory)
         other = access.find_unlike(w, row.direction_owner + group.first, group.high - group.first, Real(number))
         find_directions(w, group.first, group.near & (other | group.fresh), number, sprocket, seats, memory)

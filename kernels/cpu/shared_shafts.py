@@ -1,7 +1,6 @@
-"""Shafts that several chains of a drive have in common, on the CPU.
+"""Shafts that several chains of a drive share, on the CPU.
 
-Each chain is a row of `Drive` with bodies of its own. Accelerations of the bodies of one shaft, each of which has its
-inertia, are added in order, and all take the sum.
+Each chain has bodies of its own; accelerations of the bodies of one shaft are added in order, and all take the sum.
 """
 
 from dataclasses import dataclass
@@ -16,21 +15,21 @@ from .train_moments import train_moment_functions
 
 @dataclass(frozen=True)
 class SharedShaftFunctions:
-    """Shafts that several chains of a variant have in common."""
+    """CPU shared shaft functions."""
 
     join_shafts_of_variant: wp.Function
 
 
 @cache
 def shared_shaft_functions(Real: type) -> SharedShaftFunctions:
-    """The functions that make the bodies of each shaft of a variant turn as one."""
+    """CPU shared shaft functions at type `Real`."""
     kinds = types(Real)
     Ensemble, State = kinds.Ensemble, kinds.State
     train_moments = train_moment_functions(Real)
 
     @wp.func
     def body_count(ensemble: Ensemble, first: int, chains: int):
-        """Number of bodies of a variant whose chains begin at row `first`."""
+        """Number of bodies of a variant whose chains begin at row `first`, for shared shafts."""
         last = ensemble.drives[first + chains - 1]
         return last.first_body + last.bodies - ensemble.drives[first].first_body
 
@@ -38,12 +37,9 @@ def shared_shaft_functions(Real: type) -> SharedShaftFunctions:
     def add_train_acceleration(
         ensemble: Ensemble, state: State, begin: int, count: int, b: int, kick: wp.float64, lifting: bool
     ):
-        """Adds the acceleration by the moment on body `b`, which is of another chain, to the bodies of its train.
+        """Adds the acceleration by the moment on body `b`, of another chain, to the bodies of its train.
 
-        Args:
-            begin, count: the variant's bodies.
-            kick: `train_moments.leapfrog_interval` [s].
-            lifting: whether cams lift valves.
+        `begin` and `count` are the variant's bodies, `kick` is `train_moments.leapfrog_interval` [s].
         """
         first = b + ensemble.motions[b].shaft_offset
         mine, wrench, more = ensemble.motions[first], state.wrenches[b], state.rates[b][2]
@@ -62,7 +58,7 @@ def shared_shaft_functions(Real: type) -> SharedShaftFunctions:
 
     @wp.func
     def join_shafts(ensemble: Ensemble, state: State, begin: int, count: int, kick: wp.float64, lifting: bool):
-        """Gives all bodies of each shaft, of `count` from `begin` on, the sum of their angular accelerations."""
+        """Gives bodies of each shared shaft, of `count` from `begin` on, the sum of their angular accelerations."""
         for b in range(begin, begin + count):
             if ensemble.motions[b].shaft_offset != 0:
                 add_train_acceleration(ensemble, state, begin, count, b, kick, lifting)
@@ -74,7 +70,7 @@ def shared_shaft_functions(Real: type) -> SharedShaftFunctions:
 
     @wp.func
     def join_shafts_of_variant(ensemble: Ensemble, state: State, variant: int, chains: int, time: wp.float64):
-        """Gives all bodies of each shaft of a variant the sum of their angular accelerations, at a stage's `time`."""
+        """Gives all bodies of each shared shaft of a variant the sum of their angular accelerations, at `time` [s]."""
         drive, last = ensemble.drives[variant], ensemble.drives[variant + chains - 1]
         lifting = last.first_valve + last.valves > drive.first_valve
         join_shafts(

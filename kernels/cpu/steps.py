@@ -1,4 +1,4 @@
-"""Steps of one variant by each integrator, over its rollers and its bodies."""
+"""Steps of one variant on the CPU by each integrator, over its rollers and its bodies."""
 
 from dataclasses import dataclass
 from functools import cache
@@ -15,7 +15,7 @@ from .rollers import roller_functions, rows
 
 @dataclass(frozen=True)
 class StepFunctions:
-    """Steps of one variant by each integrator."""
+    """CPU step functions."""
 
     take_leapfrog_step: wp.Function
     take_stage: wp.Function
@@ -23,7 +23,7 @@ class StepFunctions:
 
 @cache
 def step_functions(Real: type, capacity: int) -> StepFunctions:
-    """The functions that take one variant a step on, for rows of `capacity` values of type `Real`."""
+    """CPU step functions for rows of `capacity`."""
     kinds = types(Real)
     Ensemble, State, Chain = kinds.Ensemble, kinds.State, kinds.Chain
     rollers = roller_functions(Real, capacity)
@@ -42,7 +42,7 @@ def step_functions(Real: type, capacity: int) -> StepFunctions:
         time: wp.float64,
         kick: wp.float64,
     ):
-        """Takes the variant a step on from evaluated forces; `kick` is h, or h / 2 from the initial state."""
+        """Moves a variant on the CPU by a leapfrog step from evaluated forces; `kick` is h, or h / 2 at first."""
         bodies.take_leapfrog_step(ensemble, state, drive, time, kick)
         rollers.kick_and_drift(w, drive.rollers, chain, Real(kick), Real(drive.step))
         for b in range(drive.first_body, drive.first_body + drive.bodies):
@@ -51,7 +51,7 @@ def step_functions(Real: type, capacity: int) -> StepFunctions:
 
     @wp.func
     def stage_rollers(w: wp.array[Real], n: int, chain: Chain, at: Stage):
-        """Adds a stage's slopes to the sums, and moves rollers along them from the step's start, or along the sums."""
+        """Adds a stage's slopes to the sums in CPU rows, and moves rollers along them, at last along the sums."""
         weight = Real(at.weight)
         reach = Real(at.reach)
         inverse_mass = chain.inverse_mass
@@ -87,7 +87,7 @@ def step_functions(Real: type, capacity: int) -> StepFunctions:
 
     @wp.func
     def take_stage(ensemble: Ensemble, state: State, drive: Drive, chain: Chain, w: wp.array[Real], at: Stage):
-        """Takes the variant through a stage of a step, from evaluated forces; the last ends the step."""
+        """Moves a variant on the CPU by a stage from evaluated forces; the last stage ends the step."""
         bodies.take_stage(ensemble, state, drive, at)
         stage_rollers(w, drive.rollers, chain, at)
 

@@ -1,4 +1,4 @@
-"""Goods on a strand of one variant's chain on the CPU: masses of rollers, and what taking goods on costs."""
+"""Goods on a strand of one variant's chain on the CPU: masses of rollers, and forces of taking goods on."""
 
 from dataclasses import dataclass
 from functools import cache
@@ -13,7 +13,7 @@ from .rollers import roller_functions, rows
 
 @dataclass(frozen=True)
 class StrandLoadFunctions:
-    """CPU functions of goods on a strand."""
+    """CPU strand load functions."""
 
     carry_goods: wp.Function
     power_of_goods: wp.Function
@@ -21,7 +21,7 @@ class StrandLoadFunctions:
 
 @cache
 def strand_load_functions(Real: type, capacity: int) -> StrandLoadFunctions:
-    """CPU functions of goods on a strand, for rows of `capacity` values of type `Real`."""
+    """CPU strand load functions for rows of `capacity`."""
     kinds = types(Real)
     Chain, vec2 = kinds.Chain, kinds.vec2
     rollers = roller_functions(Real, capacity)
@@ -30,10 +30,7 @@ def strand_load_functions(Real: type, capacity: int) -> StrandLoadFunctions:
 
     @wp.func
     def carry_goods(state: kinds.State, w: wp.array[Real], first: int, n: int, step: Real, chain: Chain):
-        """Sets masses of rollers, from roller `first` on, with goods on them, and adds the forces of taking them on.
-
-        `step` is its length [s].
-        """
+        """Sets rows of masses of rollers with goods on a strand, and adds the forces of taking goods on."""
         for i in range(n):
             position = vec2(access.load(w, row.x + i), access.load(w, row.y + i))
             velocity = vec2(access.load(w, row.vx + i), access.load(w, row.vy + i))

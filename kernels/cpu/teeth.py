@@ -1,4 +1,4 @@
-"""Contacts of rollers with the teeth of one sprocket, in whose gaps they have seats."""
+"""Contacts of rollers with the teeth of one sprocket on the CPU, from their seats."""
 
 from dataclasses import dataclass
 from functools import cache
@@ -16,7 +16,7 @@ from .rollers import roller_functions, rows
 
 @dataclass(frozen=True)
 class ToothFunctions:
-    """CPU functions of rollers' contacts with one sprocket's teeth."""
+    """CPU tooth contact functions."""
 
     find_contacts: wp.Function
     count_first_contacts: wp.Function
@@ -24,7 +24,7 @@ class ToothFunctions:
 
 @cache
 def tooth_functions(Real: type, capacity: int) -> ToothFunctions:
-    """CPU functions of contacts with teeth, for rows of `capacity` values of type `Real`."""
+    """CPU tooth contact functions for rows of `capacity`."""
     Sprocket = types(Real).Sprocket
     row = rows(capacity)
     rollers = roller_functions(Real, capacity)
@@ -33,7 +33,7 @@ def tooth_functions(Real: type, capacity: int) -> ToothFunctions:
 
     @wp.func
     def store_gap_contacts(w: wp.array[Real], first: int, end: int, sprocket: Sprocket, body: Pose, number: int):
-        """Stores rollers' contacts in tooth gaps without tips; returns 1 if any is at a tip."""
+        """Stores contacts in tooth gaps without tips in rows; returns 1 if any is at a tip."""
         center_x = Real(body.center[0])
         center_y = Real(body.center[1])
         center_vx = Real(body.velocity[0])
@@ -64,7 +64,7 @@ def tooth_functions(Real: type, capacity: int) -> ToothFunctions:
 
     @wp.func
     def store_flank_contacts(w: wp.array[Real], first: int, end: int, sprocket: Sprocket, body: Pose, number: int):
-        """Stores rollers' contacts in tooth gaps without tips, by any flank; see `store_gap_contacts`."""
+        """Stores contacts in tooth gaps, without tips, of either flank in rows; returns 1 if any is at a tip."""
         if sprocket.flank_curvature > Real(0.0):
             tipped = store_gap_contacts(w, first, end, sprocket, body, number)
             return tipped
@@ -91,14 +91,14 @@ def tooth_functions(Real: type, capacity: int) -> ToothFunctions:
 
     @wp.func
     def find_contacts(w: wp.array[Real], first: int, end: int, sprocket: Sprocket, body: Pose, number: int):
-        """Stores the contacts with teeth of the rollers that have seats."""
+        """Stores the contacts with teeth of rollers that have seats in rows."""
         tipped = store_flank_contacts(w, first, end, sprocket, body, number)
         if tipped != 0:
             mend_tip_contacts(w, first, end, sprocket)
 
     @wp.func
     def count_first_contacts(w: wp.array[Real], group: Group):
-        """Number of the group's rollers that touch teeth for the first time in their pass."""
+        """Number of a group's rollers that touch teeth for the first time in their pass."""
         count = int(0)
         i = group.low
         while i < group.high:

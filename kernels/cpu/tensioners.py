@@ -1,4 +1,4 @@
-"""Tensioners of one variant through a step: their supplies and their oil."""
+"""Tensioners of one variant through a step on the CPU: their supplies and their oil."""
 
 from dataclasses import dataclass
 from functools import cache
@@ -13,7 +13,7 @@ from ..sums import add_flows
 
 @dataclass(frozen=True)
 class TensionerFunctions:
-    """Tensioners of one variant (`physics.tensioner`)."""
+    """CPU tensioner functions (`physics.tensioner`)."""
 
     find_supplies: wp.Function
     advance_tensioners: wp.Function
@@ -21,13 +21,13 @@ class TensionerFunctions:
 
 @cache
 def tensioner_functions(Real: type) -> TensionerFunctions:
-    """The functions that take the tensioners of one variant through a step (`physics.tensioner`)."""
+    """CPU tensioner functions at type `Real`."""
     kinds = types(Real)
     Ensemble, State = kinds.Ensemble, kinds.State
 
     @wp.func
     def find_supplies(ensemble: Ensemble, state: State, drive: Drive, time: wp.float64):
-        """Sets the pressures of tabulated supplies at a step's start, before bodies move."""
+        """Sets tabulated supply pressures of all tensioners at a step's start, on the CPU."""
         for t in range(drive.first_tensioner, drive.first_tensioner + drive.tensioners):
             tensioner = ensemble.tensioners[t]
             if tensioner.supply_table.cells > 0:
@@ -37,7 +37,7 @@ def tensioner_functions(Real: type) -> TensionerFunctions:
 
     @wp.func
     def advance_tensioners(ensemble: Ensemble, state: State, drive: Drive):
-        """Takes all tensioners a step on, once the bodies have moved, and adds their flows to the meters."""
+        """Advances all tensioners on the CPU by a step after bodies, and adds flows to their meters."""
         for t in range(drive.first_tensioner, drive.first_tensioner + drive.tensioners):
             tensioner = ensemble.tensioners[t]
             x, rate = extension_and_rate(pose_of(state.bodies[drive.first_body + tensioner.body]), tensioner)

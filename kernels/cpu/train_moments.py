@@ -1,4 +1,4 @@
-"""Moments that turn the bodies of trains, from the moment on each of them (`physics.train`, `physics.valve`)."""
+"""Moments that turn the bodies of trains on the CPU (`physics.train`, `physics.valve`)."""
 
 from dataclasses import dataclass
 from functools import cache
@@ -11,7 +11,7 @@ from ..structs import Cam, Drive, types
 
 @dataclass(frozen=True)
 class TrainMomentFunctions:
-    """Moments that turn the bodies of trains."""
+    """CPU train moment functions."""
 
     train_cam: wp.Function
     leapfrog_interval: wp.Function
@@ -21,13 +21,13 @@ class TrainMomentFunctions:
 
 @cache
 def train_moment_functions(Real: type) -> TrainMomentFunctions:
-    """The functions that gather moments on the bodies of a train."""
+    """CPU train moment functions at type `Real`."""
     kinds = types(Real)
     Ensemble, State = kinds.Ensemble, kinds.State
 
     @wp.func
     def train_cam(ensemble: Ensemble, state: State, begin: int, count: int, b: int):
-        """Inertia and moment of the valves on `count` bodies from `begin` as body `b` of their train sees them."""
+        """Inertia and moment, on body `b`, of the valves on its train among `count` bodies from `begin`."""
         cam, mine = Cam(), ensemble.motions[b]
         for other in range(begin, begin + count):
             motion = ensemble.motions[other]
@@ -37,14 +37,14 @@ def train_moment_functions(Real: type) -> TrainMomentFunctions:
 
     @wp.func
     def leapfrog_interval(drive: Drive, time: wp.float64):
-        """Step of leapfrog to the speeds of `time` [s]; 0 where speeds are those of the instant."""
+        """Leapfrog's step [s] to the speeds of `time` [s]; 0 where speeds are the instant's."""
         return wp.where(drive.integrator == 0 and time > wp.float64(0.0), drive.step, wp.float64(0.0))
 
     @wp.func
     def moment_without_valves(
         ensemble: Ensemble, state: State, drive: Drive, b: int, moment: wp.float64, time: wp.float64
     ):
-        """Moment [N m] that turns body `b` of all, without valves' inertia, from that of all but valves."""
+        """Moment [N m] that turns body `b` of all on the CPU, without valves' inertia, from that of all but valves."""
         cam = train_cam(ensemble, state, drive.first_body, drive.sprockets + drive.shafts, b)
         return constant_inertia_moment(
             moment, state.bodies[b].speed, leapfrog_interval(drive, time), cam, ensemble.motions[b]
@@ -52,7 +52,7 @@ def train_moment_functions(Real: type) -> TrainMomentFunctions:
 
     @wp.func
     def train_moment(ensemble: Ensemble, state: State, drive: Drive, b: int):
-        """Moment [N m] that turns body `b` of all as if it turned alone (`physics.train`, (a))."""
+        """Moment [N m] that turns body `b` of all, on the CPU, as if it turned alone (`physics.train`, (a))."""
         total = wp.float64(0.0)
         mine = ensemble.motions[b]
         for other in range(drive.first_body, drive.first_body + drive.sprockets + drive.shafts):

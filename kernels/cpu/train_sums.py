@@ -1,4 +1,4 @@
-"""Sums over the window of shafts, couplings, gears and valves of one variant."""
+"""Sums over the window of shafts, couplings, gears and valves of one variant on the CPU."""
 
 from dataclasses import dataclass
 from functools import cache
@@ -17,14 +17,14 @@ from .valves import valve_functions
 
 @dataclass(frozen=True)
 class TrainSumFunctions:
-    """Sums over the window of shafts, couplings, gears and valves."""
+    """CPU train sum functions."""
 
     add_train_step: wp.Function
 
 
 @cache
 def train_sum_functions(Real: type) -> TrainSumFunctions:
-    """The functions that add shafts, couplings, gears and valves of one variant to the sums of the window."""
+    """CPU train sum functions at type `Real`."""
     kinds = types(Real)
     Ensemble, State = kinds.Ensemble, kinds.State
     body_states = body_state_functions(Real)
@@ -33,7 +33,7 @@ def train_sum_functions(Real: type) -> TrainSumFunctions:
 
     @wp.func
     def add_shaft_step(ensemble: Ensemble, state: State, sums: Sums, drive: Drive, h: int, now: Now):
-        """Adds a step of shaft h of the drive to the sums of the window."""
+        """Adds a step of shaft h of the drive to the window's sums, on the CPU."""
         b, i = drive.first_body + drive.sprockets + h, drive.first_shaft + h
         body = body_states.body_now(ensemble, state, b, now.time, now.lag)
         before = state.bodies[b].speed
@@ -43,7 +43,7 @@ def train_sum_functions(Real: type) -> TrainSumFunctions:
 
     @wp.func
     def add_coupling_step(ensemble: Ensemble, state: State, sums: Sums, drive: Drive, c: int, now: Now):
-        """Adds a step of coupling c of all to the sums of the window."""
+        """Adds a step of coupling c of all to the window's sums, on the CPU."""
         coupling, engaged = ensemble.couplings[c], state.couplings[c]
         twist, rate, moment = couplings.twist_and_moment_now(ensemble, state, drive, c, now.time, now.lag)
         led = wp.float64(0.0)
@@ -59,7 +59,7 @@ def train_sum_functions(Real: type) -> TrainSumFunctions:
 
     @wp.func
     def add_gear_step(ensemble: Ensemble, state: State, sums: Sums, drive: Drive, g: int, now: Now):
-        """Adds a step of pair of gears g of all to the sums of the window."""
+        """Adds a step of gear pair g of all to the window's sums, on the CPU."""
         gear = ensemble.gears[g]
         at = drive.first_body + gear.body
         mine = ensemble.motions[at]
@@ -78,13 +78,13 @@ def train_sum_functions(Real: type) -> TrainSumFunctions:
 
     @wp.func
     def add_valve_step(ensemble: Ensemble, state: State, sums: Sums, drive: Drive, v: int, now: Now):
-        """Adds a step of group v of all valves to the sums of the window."""
+        """Adds a step of valve group v of all to the window's sums, on the CPU."""
         torque, force = valves.valve_load_now(ensemble, state, drive, v, now.time, now.lag)
         sums.valve[v] = add_valve(sums.valve[v], torque, force, now.weight)
 
     @wp.func
     def add_train_step(ensemble: Ensemble, state: State, sums: Sums, drive: Drive, now: Now):
-        """Adds a step of all shafts, couplings, gears and valves to the sums of the window."""
+        """Adds a step of all shafts, couplings, gears and valves to the window's sums, on the CPU."""
         for h in range(drive.shafts):
             add_shaft_step(ensemble, state, sums, drive, h, now)
         for c in range(drive.first_coupling, drive.first_coupling + drive.couplings):

@@ -1,4 +1,4 @@
-"""Shafts, couplings, motors and valves of one variant: the moments that bodies have before any of them moves."""
+"""Trains on the CPU: moments on bodies of shafts, couplings, motors and valves before any of them moves."""
 
 from dataclasses import dataclass
 from functools import cache
@@ -13,21 +13,21 @@ from .valves import valve_functions
 
 @dataclass(frozen=True)
 class TrainFunctions:
-    """Trains of one variant."""
+    """CPU train functions."""
 
     find_train_moments: wp.Function
 
 
 @cache
 def train_functions(Real: type) -> TrainFunctions:
-    """The functions of one variant's trains."""
+    """CPU train functions at type `Real`."""
     kinds = types(Real)
     Ensemble, State = kinds.Ensemble, kinds.State
     couplings, loads, valves = coupling_functions(Real), load_functions(Real), valve_functions(Real)
 
     @wp.func
     def find_train_moments(ensemble: Ensemble, state: State, drive: Drive, stage: int, time: wp.float64):
-        """Sets `state.train_moments`, the moments on all bodies but arms with those of motors and couplings."""
+        """Sets `state.train_moments` on the CPU: moments on all bodies but arms, with those of motors and couplings."""
         if stage == 0:
             couplings.update_couplings(ensemble, state, drive, time)
         for b in range(drive.first_body, drive.first_body + drive.sprockets + drive.shafts):

@@ -1,4 +1,4 @@
-"""Valves of one variant: what they do to the bodies that cams are on."""
+"""Valves of one variant on the CPU: their effect on the bodies that cams are on."""
 
 from dataclasses import dataclass
 from functools import cache
@@ -12,7 +12,7 @@ from .body_states import body_state_functions
 
 @dataclass(frozen=True)
 class ValveFunctions:
-    """Valves of one variant (`physics.valve`)."""
+    """CPU valve functions (`physics.valve`)."""
 
     find_valve_loads: wp.Function
     valve_load_now: wp.Function
@@ -20,7 +20,7 @@ class ValveFunctions:
 
 @cache
 def valve_functions(Real: type) -> ValveFunctions:
-    """The functions of one variant's valves."""
+    """CPU valve functions at type `Real`."""
     kinds = types(Real)
     Ensemble, State = kinds.Ensemble, kinds.State
     body_states = body_state_functions(Real)
@@ -39,7 +39,7 @@ def valve_functions(Real: type) -> ValveFunctions:
 
     @wp.func
     def valve_load_now(ensemble: Ensemble, state: State, drive: Drive, v: int, time: wp.float64, lag: wp.float64):
-        """Torque [N m] of group `v` of all valves against rotation, and the least force [N] on a follower."""
+        """Torque [N m] of valve group `v` of all against rotation, and least force [N] on a follower, on the CPU."""
         valve = ensemble.valves[v]
         b = drive.first_body + valve.body
         body, angular = (

@@ -22,14 +22,14 @@ from .train_sums import train_sum_functions
 
 @dataclass(frozen=True)
 class WindowSumFunctions:
-    """CPU function that adds one variant's steps to its window's sums."""
+    """CPU window sum function."""
 
     add_step: wp.Function
 
 
 @cache
 def window_sum_functions(Real: type, capacity: int) -> WindowSumFunctions:
-    """CPU function that adds steps to the window's sums, for rows of `capacity` values of type `Real`."""
+    """CPU window sum function for rows of `capacity`."""
     kinds = types(Real)
     Ensemble, State, Chain = kinds.Ensemble, kinds.State, kinds.Chain
     chain_sums = chain_sum_functions(Real, capacity)
@@ -59,7 +59,7 @@ def window_sum_functions(Real: type, capacity: int) -> WindowSumFunctions:
 
     @wp.func
     def add_tensioner_step(ensemble: Ensemble, state: State, sums: Sums, drive: Drive, t: int, now: Now):
-        """Adds a step of tensioner `t` to the window's sums, and flows at the window's ends."""
+        """Adds a step of tensioner `t` to the window's sums, and flows at its ends, on the CPU."""
         tensioner = ensemble.tensioners[t]
         push = state.pushes[t]
         body = body_states.body_now(ensemble, state, drive.first_body + tensioner.body, now.time, now.lag)
@@ -91,7 +91,7 @@ def window_sum_functions(Real: type, capacity: int) -> WindowSumFunctions:
         w: wp.array[Real],
         now: Now,
     ):
-        """Adds an evaluated step to the window's sums."""
+        """Adds an evaluated step of a variant to the window's sums, on the CPU."""
         n, chain = drive.rollers, ensemble.chains[variant]
         if now.step % MERGE_EVERY == 0 or now.step == drive.window_start:
             chain_sums.merge_and_sample(ensemble, state, sums, variant, drive, w, now.step)

@@ -1,11 +1,8 @@
 """The block kernel: one block of threads a variant, the whole time loop inside.
 
-Thread i has the rollers i, i + threads, ...: one each where variants are few; where they are many, one warp has all of
-a chain and waits for no other. Rollers lie in shared rows. A few threads also move a body each. What does not happen
-every step waits for the next event. One kernel is made for each `BlockKind`.
-
-Where code is long, several variants of a warp each share a block. They wait for each other now and then, so that code
-beyond the instruction caches is fetched once for all.
+Thread i has the rollers i, i + threads, ... in shared rows; a few threads also move a body each. One warp has a whole
+variant where variants are many; several such variants may share a block. What does not happen every step waits for the
+next event.
 """
 
 from functools import cache
@@ -36,11 +33,10 @@ from .wrench_parts import wrench_part_functions
 
 @cache
 def block_kernel(kind: BlockKind, blocks: int, frame: Any) -> wp.Kernel:
-    """The kernel for drives of a kind.
+    """Block kernel that advances variants of drives of a kind, with `dim` = variants * threads.
 
-    Launch it with `dim` = variants * threads and `block_dim` = threads of all its variants. `blocks` is how many
-    variants the compiler is to make room for on a multiprocessor; it bounds the registers of a thread. Frames lie as
-    `frame` says (`kernels.frames`).
+    `block_dim` is the threads of a block's variants, `blocks` the variants that a multiprocessor has room for, `frame`
+    the layout of frames (`kernels.frames`).
     """
     Real, slots = kind.Real, kind.shape.slots
     kinds = kind.types
@@ -79,7 +75,7 @@ def block_kernel(kind: BlockKind, blocks: int, frame: Any) -> wp.Kernel:
         ends: wp.array[wp.int32],
         begun: wp.array[wp.int32],
     ):
-        """Takes variants `order[b]` on to before step `ends[b]`; the frames' buffer was begun at step `begun[b]`."""
+        """Advances variants `order[b]` to before step `ends[b]`, a block each; frames begin at step `begun[b]`."""
         number, i, k = oil_warp.place_in_launch(wp.tid())
         shared = shared_of(state, number)
         if tensioners.serve_variant(ensemble, state, shared, order, number, k):

@@ -1,4 +1,4 @@
-"""Kinds of block kernels: the shape of blocks, what drives have, and what is taken."""
+"""Kinds of block kernels: the shape of blocks, parts and properties of drives, what is measured."""
 
 from dataclasses import dataclass
 from functools import partial
@@ -17,20 +17,18 @@ WARP = 32
 
 
 inlined = partial(wp.func, inline=True)
-"""Makes a Warp function that is always drawn in, where it takes structs of a kernel and is too long or called too often
-for the compiler to do so by itself: a call hands structs on in memory, where the whole kernel then keeps them. The
-compiler takes such a function before it has simplified it, so functions that it draws in anyway are without this."""
+"""Decorator of a block kernel's Warp function that is always inlined; a call would keep its structs in memory."""
 
 
 @dataclass(frozen=True, order=True)
 class BlockShape:
-    """The shape of a block: threads of a variant, rollers of a thread.
+    """Shape of a block: threads of a variant, rollers of a thread.
 
     Attributes:
         threads: of a variant, whole warps.
-        rollers_per_thread: of a thread, which has i, i + threads, ... of the chain.
-        variants_per_block: a warp each, which wait for each other now and then (`warp_steps`), or for their oil.
-        shared_bytes: most of shared memory that a block may have; what does not fit lies in global memory.
+        rollers_per_thread: i, i + threads, ... of the chain.
+        variants_per_block: a warp each (`warp_steps`).
+        shared_bytes: shared memory of a block at most; the rest lies in global memory.
     """
 
     threads: int
@@ -40,28 +38,28 @@ class BlockShape:
 
     @property
     def is_one_warp(self) -> bool:
-        """Whether a variant has one warp, whose threads wait for no other."""
+        """Whether one warp has all threads of a block's variant."""
         return self.threads == WARP
 
     @property
     def body_warp(self) -> bool:
-        """Whether the last warp has no rollers, but moves the bodies: where each thread of others has one."""
+        """Whether the last warp of a block has no rollers, but moves the bodies."""
         return self.threads > WARP and self.rollers_per_thread == 1
 
     @property
     def slots(self) -> int:
-        """Rollers that all threads of a variant would have."""
+        """Rollers that all threads of a block's variant could have."""
         return self.threads * self.rollers_per_thread
 
     @property
     def room(self) -> int:
-        """Most rollers of a drive."""
+        """Largest number of rollers of a drive on a block of this shape."""
         return self.slots - WARP * self.body_warp
 
 
 @dataclass(frozen=True)
 class Parts:
-    """Parts of each drive of a kind, those of all its chains, and properties, which are 1 where drives have them."""
+    """Parts of each drive of a kind of block kernels, over all its chains, and properties: 1 where drives have them."""
 
     sprockets: int
     guides: int
@@ -80,32 +78,32 @@ class Parts:
 
     @property
     def rotors(self) -> int:
-        """Bodies whose angle may be prescribed: all but arms, which stand after them."""
+        """Number of bodies in block kernels whose angle may be prescribed: all but arms, which come last."""
         return self.sprockets + self.other_bodies
 
     @property
     def is_tied(self) -> bool:
-        """Whether bodies are tied, or turn with those of other chains."""
+        """Whether bodies in block kernels are tied to each other or to those of other chains."""
         return bool(self.tied) or self.chains > 1
 
     @property
     def jointed(self) -> bool:
-        """Whether arms carry arms."""
+        """Whether arms carry arms in block kernels."""
         return self.hubs == 2
 
     @property
     def bodies(self) -> int:
-        """Number of all bodies."""
+        """Number of all bodies of a drive in block kernels."""
         return self.rotors + self.arms
 
 
 EVEN, BY_SPEED = 1, 2
-"""Whether a coefficient of friction is the same at all speeds."""
+"""Coefficient of friction in block kernels: the same at all speeds, or not."""
 
 
 @dataclass(frozen=True)
 class Friction:
-    """Friction of rollers on teeth and guides, and in the joints: 0 (not at all), `EVEN` or `BY_SPEED`."""
+    """Friction in block kernels at contacts and joints: 0 (none), `EVEN` or `BY_SPEED`."""
 
     contacts: int = 0
     joints: int = 0
@@ -117,15 +115,12 @@ class BlockKind:
 
     Attributes:
         Real: wp.float64 or wp.float32.
-        shape: of the blocks.
-        parts: of each drive.
-        measuring: metrics are taken.
+        measuring: metrics are computed.
         integrator: as in `integrate.INTEGRATORS`.
         moving: bodies' centers may move, or have balance wheels.
         profiles: guides have profiles, or are carried by bodies.
-        friction: of contacts and joints.
-        links: "alike"; "lengths", which differ; "varied", which differ in stiffness or mass or have play, too.
-        linear_hysteretic: all contacts' laws are hysteretic and linear (`impact.linear_force`).
+        links: "alike"; of different "lengths"; "varied" in stiffness or mass, or with play.
+        linear_hysteretic: of all contacts' laws (`impact.linear_force`).
         silent: some chain is a silent one.
     """
 
@@ -143,49 +138,49 @@ class BlockKind:
 
     @property
     def has_oil_warp(self) -> bool:
-        """Whether another warp has the oil of a block's variants (`oil_warp`): of several with tensioners."""
+        """Whether a block has another warp for its variants' oil (`oil_warp`): of several variants with tensioners."""
         return self.shape.variants_per_block > 1 and self.parts.tensioners > 0
 
     @property
     def block_threads(self) -> int:
-        """Threads of a block."""
+        """Number of threads of a block, those of the oil's warp counted in."""
         return self.shape.threads * self.shape.variants_per_block + WARP * self.has_oil_warp
 
     def launch_threads(self, variants: int) -> int:
-        """Threads of a launch of a number of variants."""
+        """Number of threads of a launch of block kernels for a number of variants."""
         if self.has_oil_warp:
             return -(-variants // self.shape.variants_per_block) * self.block_threads
         return variants * self.shape.threads
 
     @property
     def is_paired(self) -> bool:
-        """Whether bodies, and guides as contacts see them, are in pairs of float32."""
+        """Whether a block kernel has bodies, and guides in contacts, as pairs of float32."""
         return bool(self.Real == wp.float32)
 
     @property
     def has_stages(self) -> bool:
-        """Whether a step has stages: of any integrator but leapfrog."""
+        """Whether a block kernel's steps have stages: of any integrator but leapfrog."""
         return self.integrator != 0
 
     @property
     def types(self) -> SimpleNamespace:
-        """The structs of the kernel, `Shared` among them."""
+        """Structs of the block kernel, `Shared` among them."""
         return block_structs(self.Real)
 
     @property
     def has_common_path(self) -> bool:
-        """Whether steps of one warp without a frame have code of their own, without what only frames want."""
+        """Whether one-warp steps without a frame have code of their own in the block kernel."""
         more = self.moving or self.parts.hubs or self.parts.is_tied
         long = self.profiles or (self.measuring and self.Real == wp.float32 and more)
         return not (self.has_stages or long or self.silent)
 
     @property
     def finds_partners_early(self) -> bool:
-        """Whether rollers look for partners, which are fixed, while bodies move: on several warps."""
+        """Whether a block's rollers look for fixed partners while bodies move: on several warps."""
         return self.shape.threads > WARP and not (self.moving or self.profiles or self.silent)
 
     @property
     def hands_over(self) -> bool:
-        """Whether the last warp alone moves the bodies, and goes on once the contacts' moments are there."""
+        """Whether the last warp of a block alone moves the bodies, once contacts' moments are handed over."""
         waiting = self.parts.is_tied or self.parts.hubs or self.parts.hydraulic or self.silent
         return self.shape.body_warp and self.parts.bodies <= 4 and self.shape.room <= 192 and not waiting

@@ -1,4 +1,4 @@
-"""Structs of block kernels: what a block's threads share, where the time loop is, and what a thread has."""
+"""Structs of block kernels: shared memory, the state of the time loop, and a thread's parts."""
 
 from functools import cache
 from types import SimpleNamespace
@@ -9,19 +9,19 @@ from ..number import Pair, pair_from_float64
 from ..structs import Drive, Tallies, types
 
 BITS = 31
-"""Bits of a whole number that are used: as many as there may be partners."""
+"""Bits in use of a whole number: the largest number of partners."""
 MOST_CHAINS = BITS // 2
-"""Chains of a variant at most, as each has two partners."""
+"""Largest number of chains of a variant on a block; each has two partners."""
 
 
 @cache
 def block_structs(Real: type) -> SimpleNamespace:
-    """The structs of block kernels whose quantities are `Real`: those of `structs`, and those defined here."""
+    """Structs of block kernels whose quantities are `Real`: those of `structs`, and those defined here."""
     kinds = types(Real, blocks=True)
 
     @wp.struct
     class ChainPlace:
-        """One of several chains: where its parts begin among those of the variant."""
+        """Where the parts of one of several chains begin among those of a block's variant."""
 
         first_roller: wp.int32
         end_roller: wp.int32
@@ -36,7 +36,7 @@ def block_structs(Real: type) -> SimpleNamespace:
 
     @wp.struct
     class Stroke:
-        """Where a tensioner's plunger has gone in a step, and what is asked of its oil (`oil_warp`)."""
+        """Stroke of a tensioner's plunger in a step, and the request to its oil (`oil_warp`)."""
 
         x: kinds.Number  # after the step [m]
         rate: Real  # over the step [m/s]
@@ -44,7 +44,7 @@ def block_structs(Real: type) -> SimpleNamespace:
 
     @wp.struct
     class CarriedArm:
-        """Values that an arm shares with arms that it hangs on, or that hang on it (`bodies.carried_arms`)."""
+        """Values that a block's arm shares with arms that carry it or that it carries (`bodies.carried_arms`)."""
 
         force: kinds.vec2  # of contacts on it, then of its turning, passed on to the one that carries it [N]
         acceleration: Real  # of its angle [rad/s^2]
@@ -97,10 +97,7 @@ def block_structs(Real: type) -> SimpleNamespace:
 
     @wp.struct
     class Now:
-        """Where the time loop is; all threads of a block agree.
-
-        Without gaps between the fields, around which the compiler would take whole numbers apart into bytes.
-        """
+        """State of a block's time loop, the same in all threads; fields without gaps."""
 
         step: wp.int32  # which is evaluated
         stage: wp.int32  # of the step, 0 with leapfrog
@@ -117,7 +114,7 @@ def block_structs(Real: type) -> SimpleNamespace:
 
     @wp.struct
     class Out:
-        """Where sums and frames go."""
+        """Arrays that a block's sums and frames go into."""
 
         sums: kinds.Sums
         tallies: Tallies
@@ -136,7 +133,7 @@ def block_structs(Real: type) -> SimpleNamespace:
 
 @wp.struct
 class ThreadParts:
-    """Which variant a thread is at, and what of it is its own."""
+    """Variant of a block's thread, and the parts of it that are the thread's own."""
 
     variant: wp.int32  # of several chains, the row of the first
     rollers: wp.int32  # of the variant
@@ -156,7 +153,7 @@ class ThreadParts:
 
 @wp.func
 def thread_parts(drive: Drive, variant: int, thread: int, body: int):
-    """The place of a thread of a variant's block; `body` is the one that it moves, negative for most."""
+    """Parts of a thread of a variant's block; `body` is the one that it moves, negative for none."""
     mine = ThreadParts()
     mine.variant = variant
     mine.rollers = drive.rollers

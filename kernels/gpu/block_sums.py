@@ -1,4 +1,4 @@
-"""Sums and extremes over all threads of a variant's block, where a step may take its time: in settling."""
+"""Sums and largest values over all threads of a variant's block, used in settling."""
 
 from dataclasses import dataclass
 from functools import cache
@@ -11,7 +11,7 @@ from .sync import sync_functions, warp_lanes
 
 @dataclass(frozen=True)
 class BlockSumFunctions:
-    """Sums and extremes over all threads of a variant."""
+    """Sum functions over all threads of a block."""
 
     block_largest: wp.Function
     block_total: wp.Function
@@ -19,7 +19,7 @@ class BlockSumFunctions:
 
 @cache
 def block_sum_functions(kind: BlockKind) -> BlockSumFunctions:
-    """The functions that add up over the warps of a block."""
+    """Sum functions over all threads of block kernels."""
     Real, threads = kind.Real, kind.shape.threads
     kinds = kind.types
     Shared = kinds.Shared
@@ -27,7 +27,7 @@ def block_sum_functions(kind: BlockKind) -> BlockSumFunctions:
 
     @wp.func
     def share_warp_values(shared: Shared, value: Real, i: int):
-        """Shares a value of each warp, in the place of parts."""
+        """Shares a value of each warp of a block, in the memory of wrench parts."""
         sync.barrier()
         if i % warp_lanes() == 0:
             shared.wrench_parts[i // warp_lanes()] = value
@@ -35,7 +35,7 @@ def block_sum_functions(kind: BlockKind) -> BlockSumFunctions:
 
     @wp.func
     def block_largest(shared: Shared, value: Real, i: int):
-        """The largest `value` of all threads."""
+        """Largest `value` of all threads of a block."""
         share_warp_values(shared, sync.warp_max(value), i)
         result = wp.float64(shared.wrench_parts[0])
         for w in range(1, threads // warp_lanes()):
@@ -45,7 +45,7 @@ def block_sum_functions(kind: BlockKind) -> BlockSumFunctions:
 
     @wp.func
     def block_total(shared: Shared, value: wp.float64, i: int):
-        """The sum of `value` over all threads."""
+        """Sum of `value` over all threads of a block."""
         share_warp_values(shared, Real(sync.warp_sum(value)), i)
         result = wp.float64(0.0)
         for w in range(threads // warp_lanes()):

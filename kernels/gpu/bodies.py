@@ -1,4 +1,4 @@
-"""The body of a thread, taken on by a step or a stage."""
+"""Motion of the body of a block's thread, by a step or a stage."""
 
 from dataclasses import dataclass
 from functools import cache
@@ -36,7 +36,7 @@ from .train_moments import train_moment_functions
 
 @dataclass(frozen=True)
 class BodyFunctions:
-    """Motion of the thread's body by each integrator."""
+    """Body motion functions of a block."""
 
     body_mount: wp.Function
     displacement: wp.Function
@@ -46,7 +46,7 @@ class BodyFunctions:
 
 @cache
 def body_functions(kind: BlockKind) -> BodyFunctions:
-    """The functions that take the thread's body a step, or a stage, on."""
+    """Body motion functions of block kernels."""
     Real = kind.Real
     kinds, Now = kind.types, kind.types.Now
     Ensemble, State, Shared, Pose = kinds.Ensemble, kinds.State, kinds.Shared, kinds.Pose
@@ -60,7 +60,7 @@ def body_functions(kind: BlockKind) -> BodyFunctions:
 
     @wp.func
     def body_mount(shared: Shared, b: int):
-        """The mount of body b."""
+        """Mount of body b of a block."""
         mount = kinds.Mount()
         if wp.static(kind.moving):
             mount = shared.mounts[b]
@@ -71,7 +71,7 @@ def body_functions(kind: BlockKind) -> BodyFunctions:
 
     @wp.func
     def displacement(pose: Pose, mount: kinds.Mount):
-        """A body's center from its home [m]; 0 in kernels whose bodies do not move."""
+        """Displacement [m] of a block's body from its home; 0 in kernels whose bodies do not move."""
         if wp.static(kind.moving):
             return displacement_from_home(pose.center, mount)
         else:
@@ -79,7 +79,7 @@ def body_functions(kind: BlockKind) -> BodyFunctions:
 
     @wp.func
     def wrench_in_train(shared: Shared, mine: ThreadParts, now: Now, wrench: Wrench):
-        """The wrench that moves the thread's body, with what others of its train pass on to it."""
+        """Wrench that moves the thread's body, with the moments of its train."""
         if wp.static(kind.parts.is_tied):
             if mine.arm < 0:
                 wrench.moment = train_moments.train_moment(shared, mine, now, mine.body)
@@ -88,7 +88,7 @@ def body_functions(kind: BlockKind) -> BodyFunctions:
 
     @wp.func
     def rates_beside_arms(shared: Shared, mine: ThreadParts, rates: of_three):
-        """Accelerations of the thread's body, of an arm with the arms beside it (`carried_arms`)."""
+        """Accelerations of the thread's body; of an arm, coupled with the arms beside it (`carried_arms`)."""
         if wp.static(kind.parts.jointed):
             if mine.arm >= 0:
                 rates[2] = shared.carried_arms[mine.arm].acceleration
@@ -96,15 +96,16 @@ def body_functions(kind: BlockKind) -> BodyFunctions:
 
     @wp.func
     def with_bearing_moment(wrench: Wrench):
-        """A wrench whose load has the bearings' moment."""
+        """Wrench of a block's body with the bearings' moment in its load."""
         if wp.static(kind.parts.hubs):
             wrench.load = wrench.load + wrench.bearing
         return wrench
 
     @wp.func
     def take_leapfrog_step(ensemble: Ensemble, shared: Shared, mine: ThreadParts, now: Now, pose: Pose, wrench: Wrench):
-        """Takes the thread's body one step on if the run goes on; returns it with its rates at the step's instant, and
-        `wrench` with its load.
+        """Moves the thread's body by a leapfrog step unless the run ends.
+
+        Returns it at the step's instant, and `wrench` with its load.
         """
         b = mine.body
         h = leading_value(prescribed_motion.exact_time_step(mine))
@@ -141,9 +142,7 @@ def body_functions(kind: BlockKind) -> BodyFunctions:
     def take_stage(
         ensemble: Ensemble, state: State, shared: Shared, mine: ThreadParts, now: Now, pose: Pose, wrench: Wrench
     ):
-        """Takes the thread's body to where the next stage evaluates it, if the run goes on; returns it as it was, and
-        `wrench` with its load.
-        """
+        """Moves the thread's body to its next stage unless the run ends; returns it as before, and its wrench."""
         b = mine.body
         motion, mount = shared.motions[b], body_mount(shared, b)
         time, h = prescribed_motion.step_time(mine, now), prescribed_motion.exact_time_step(mine)
@@ -167,9 +166,9 @@ def body_functions(kind: BlockKind) -> BodyFunctions:
     def advance_body(
         ensemble: Ensemble, state: State, shared: Shared, mine: ThreadParts, now: Now, pose: Pose, wrench: Wrench
     ):
-        """Takes the thread's body, now at `pose`, on by a step, or a stage.
+        """Moves the thread's body, now at `pose`, by a step or a stage.
 
-        Returns it with its rates at the step's instant, and `wrench` with its load.
+        Returns it at the step's instant, and `wrench` with its load.
         """
         if wp.static(kind.has_stages):
             return take_stage(ensemble, state, shared, mine, now, pose, wrench)

@@ -1,4 +1,4 @@
-"""Bodies of one variant on a block: shared from the state, and put back."""
+"""States of one variant's bodies on a block: shared from the ensemble's state, and put back."""
 
 from dataclasses import dataclass
 from functools import cache
@@ -20,7 +20,7 @@ from .prescribed_motion import prescribed_motion_functions
 
 @dataclass(frozen=True)
 class BodyStateFunctions:
-    """Bodies of one variant between the state and shared memory."""
+    """Body state functions of a block."""
 
     body_from_pose: wp.Function
     pose_from_state: wp.Function
@@ -34,7 +34,7 @@ class BodyStateFunctions:
 
 @cache
 def body_state_functions(kind: BlockKind) -> BodyStateFunctions:
-    """The functions that share bodies and their sums, and put them back into the state."""
+    """Body state functions of block kernels."""
     Real, sprockets, rotors = kind.Real, kind.parts.sprockets, kind.parts.rotors
     kinds = kind.types
     Ensemble, State, Shared, Pose = kinds.Ensemble, kinds.State, kinds.Shared, kinds.Pose
@@ -45,7 +45,7 @@ def body_state_functions(kind: BlockKind) -> BodyStateFunctions:
 
     @wp.func
     def body_from_pose(pose: Pose):
-        """The coordinates and rates of a body."""
+        """State of a block's body: the coordinates and rates of its pose."""
         body = kinds.BodyState()
         body.angle = pose.angle
         body.speed = pose.speed
@@ -57,13 +57,13 @@ def body_state_functions(kind: BlockKind) -> BodyStateFunctions:
 
     @wp.func
     def has_heading(pose: Pose):
-        """Whether a pose has been worked out."""
+        """Whether a block's pose in the state has its heading."""
         cosine, sine = leading_value(pose.cosine), leading_value(pose.sine)
         return cosine != Real(0.0) or sine != Real(0.0)
 
     @wp.func
     def pose_from_state(ensemble: Ensemble, state: State, drive: Drive, b: int):
-        """The pose of body b of a chain, from the state: that of the launch before, if there was one."""
+        """Pose of body b of a chain from the state: of the launch before, if any."""
         pose = state.poses[drive.first_body + b]
         if has_heading(pose):
             return pose
@@ -76,7 +76,7 @@ def body_state_functions(kind: BlockKind) -> BodyStateFunctions:
 
     @wp.func
     def share_hub(ensemble: Ensemble, shared: Shared, variant: int, row: int, b: int):
-        """Shares the hub of body b, if that is a sprocket, of a chain in a row of the drives."""
+        """Shares the hub of body b of a chain in a row of the drives, if that is a sprocket."""
         if wp.static(kind.parts.hubs):
             if b < sprockets:
                 hub = ensemble.hubs[ensemble.drives[variant].first_sprocket + b]
@@ -85,7 +85,7 @@ def body_state_functions(kind: BlockKind) -> BodyStateFunctions:
 
     @wp.func
     def place_carried_sprocket(shared: Shared, b: int):
-        """Takes body b along with the arm that carries it, if any; after a barrier, as that may have moved."""
+        """Moves a block's body b with the arm that carries it, if any; after a barrier."""
         if wp.static(kind.parts.hubs):
             if b >= 0 and b < sprockets:
                 hub = shared.hubs[b]
@@ -94,7 +94,7 @@ def body_state_functions(kind: BlockKind) -> BodyStateFunctions:
 
     @inlined
     def share_body(ensemble: Ensemble, state: State, sums: Sums, shared: Shared, mine: ThreadParts, step: int):
-        """Shares the thread's body at `step`, its sums and, with the first, the chain and guides."""
+        """Shares the thread's body at `step` and its sums; with the first, the chain and guides."""
         drive = ensemble.drives[mine.variant]
         own = ensemble.drives[mine.drive_row]
         b = mine.body
@@ -139,7 +139,7 @@ def body_state_functions(kind: BlockKind) -> BodyStateFunctions:
 
     @wp.func
     def has_body_left(shared: Shared, mine: ThreadParts):
-        """1 where the thread's body does not turn soundly, or its center has left the drive's box."""
+        """1 where the thread's body has no finite rotation, or its center has left the drive's box, else 0."""
         pose, box = shared.poses[mine.body], 2 * (mine.drive_row - mine.variant)
         gone = int(not has_finite_rotation(pose.angle, pose.speed))
         if wp.static(kind.moving):
@@ -150,7 +150,7 @@ def body_state_functions(kind: BlockKind) -> BodyStateFunctions:
 
     @wp.func
     def align_pose(shared: Shared, b: int):
-        """Works out cosine and sine of body b's angle anew."""
+        """Sets the heading of body b's shared pose from its angle."""
         geometry.put_pose(shared, b, aligned_pose(shared.poses[b]))
 
     return BodyStateFunctions(

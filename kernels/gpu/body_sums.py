@@ -1,4 +1,4 @@
-"""Sums over the window of a thread's body, and its energy at the window's ends."""
+"""Sums over the window of the body of a block's thread, and its energy at the window's ends."""
 
 from dataclasses import dataclass
 from functools import cache
@@ -36,7 +36,7 @@ from .prescribed_motion import prescribed_motion_functions
 
 @dataclass(frozen=True)
 class BodySumFunctions:
-    """Sums over the window of the thread's body."""
+    """Body sum functions of a block."""
 
     late_power_on_body: wp.Function
     add_sprocket_step: wp.Function
@@ -47,7 +47,7 @@ class BodySumFunctions:
 
 @cache
 def body_sum_functions(kind: BlockKind) -> BodySumFunctions:
-    """The functions that observe the body of a thread."""
+    """Body sum functions of block kernels."""
     Real = kind.Real
     bodies = body_functions(kind)
     carried_arms, prescribed_motion = carried_arm_functions(kind), prescribed_motion_functions(kind)
@@ -58,7 +58,7 @@ def body_sum_functions(kind: BlockKind) -> BodySumFunctions:
 
     @wp.func
     def exact_heading(pose: Pose, seen: kinds.Instant):
-        """Cosine and sine of a body's angle, at float64 anew from it."""
+        """Cosine and sine of the angle of a block's body, at float64 computed from it."""
         if wp.static(kind.is_paired):
             return pose_heading(pose)
         else:
@@ -66,7 +66,7 @@ def body_sum_functions(kind: BlockKind) -> BodySumFunctions:
 
     @wp.func
     def velocity_lag(mine: ThreadParts, now: Now):
-        """Time that speeds are behind the forces [s]."""
+        """Time [s] from velocities to forces of a block's bodies."""
         if wp.static(kind.has_stages):
             return Real(0.0)
         else:
@@ -76,7 +76,10 @@ def body_sum_functions(kind: BlockKind) -> BodySumFunctions:
     def late_power_on_body(
         shared: Shared, mine: ThreadParts, now: Now, before: Pose, seen: kinds.Instant, acting: of_three
     ):
-        """`body.late_contact_power` of the thread's body; arguments as of `add_sprocket_step`."""
+        """Power [W] that contacts on the thread's body miss (`body.late_contact_power`).
+
+        `acting` is as in `add_sprocket_step`.
+        """
         wrench = kinds.Wrench()
         wrench.moment = acting[0]
         carried = bool(True)  # or fixed
@@ -99,10 +102,10 @@ def body_sum_functions(kind: BlockKind) -> BodySumFunctions:
         """Adds a step of the thread's sprocket to the sums of the window.
 
         Args:
-            before: where the body was.
-            seen: the body with its rates at the step's instant.
-            acting: the chain's moment [N m] and force (x, y) [N] on it.
-            whole: the chain's and its tensioners' wrench on it, with its load at the rates of `before`.
+            before: pose before the step.
+            seen: body at the step's instant.
+            acting: chain's moment [N m] and force (x, y) [N].
+            whole: wrench of chain and tensioners, with the load.
         """
         s = mine.sprocket
         speed, motion = leading_value(before.speed), shared.motions[s]
@@ -133,7 +136,7 @@ def body_sum_functions(kind: BlockKind) -> BodySumFunctions:
         seen: kinds.Instant,
         whole: Wrench,
     ):
-        """Power [W] of what leads the pivot of the thread's arm; arguments as of `add_sprocket_step`."""
+        """Power [W] of what moves the pivot of the thread's arm; arguments as in `add_sprocket_step`."""
         led = Real(0.0)
         if wp.static(kind.moving):
             arm, motion = ensemble.arms[ensemble.drives[mine.variant].first_arm + mine.arm], shared.motions[mine.body]
@@ -153,7 +156,7 @@ def body_sum_functions(kind: BlockKind) -> BodySumFunctions:
 
     @wp.func
     def spring_state(shared: Shared, mine: ThreadParts, seen: kinds.Instant):
-        """The thread's arm, which is `seen` there, as its spring sees it turn."""
+        """Angle and speed of the thread's arm `seen`, relative to its spring's other end."""
         if wp.static(kind.parts.jointed):
             seen.angle = shared.carried_arms[mine.arm].angle
             seen.speed = shared.carried_arms[mine.arm].speed
@@ -172,7 +175,7 @@ def body_sum_functions(kind: BlockKind) -> BodySumFunctions:
     ):
         """Adds a step of the thread's arm to the sums of the window.
 
-        `moment` is the chain's [N m], `powers` those of what leads its pivot and of `body.late_contact_power` [W].
+        `moment` is the chain's [N m]; `powers` [W] are the pivot's and `late_power_on_body`.
         """
         at = ensemble.drives[mine.variant].first_arm + mine.arm
         power = arm_dissipation(spring_state(shared, mine, seen), ensemble.arms[at])

@@ -1,7 +1,4 @@
-"""Arms that hang on arms, on blocks: what acts between them, and how each accelerates the other (`physics.hub`, (b)).
-
-Before any body moves each arm's thread shares its own arm's part, and reads its neighbors'.
-"""
+"""Arms that carry arms, on blocks: their moments and coupled accelerations (`physics.hub`, (b))."""
 
 from dataclasses import dataclass
 from functools import cache
@@ -40,13 +37,13 @@ from .sync import sync_functions
 
 @wp.func
 def first_arm_body(drive: Drive, mine: ThreadParts):
-    """The body of the first arm of the chain of the thread's arm; the others come after it."""
+    """Body of the first arm of the chain of a block's arm; the others come after it."""
     return mine.body - (mine.body_number - (drive.bodies - drive.arms))
 
 
 @wp.func
 def carrier_body(ensemble: Any, mine: ThreadParts):
-    """The body that carries the thread's arm; negative for none."""
+    """Body that carries the arm of a block's thread; -1 for none."""
     drive = ensemble.drives[mine.drive_row]
     first = first_arm_body(drive, mine)
     on = ensemble.arms[drive.first_arm + mine.body - first].on
@@ -55,7 +52,7 @@ def carrier_body(ensemble: Any, mine: ThreadParts):
 
 @dataclass(frozen=True)
 class CarriedArmFunctions:
-    """Moments and accelerations of arms that carry arms (`physics.hub`, (b))."""
+    """Carried arm functions of a block."""
 
     add_carried_wrenches: wp.Function
     wrench_with_pivot_forces: wp.Function
@@ -67,7 +64,7 @@ class CarriedArmFunctions:
 
 @cache
 def carried_arm_functions(kind: BlockKind) -> CarriedArmFunctions:
-    """The functions of one variant's arms on arms on a block."""
+    """Carried arm functions of block kernels."""
     Real, rotors, kinds, Now = kind.Real, kind.parts.rotors, kind.types, kind.types.Now
     Ensemble, Shared, Wrench = kinds.Ensemble, kinds.Shared, kinds.Wrench
     vec2, of_three = kinds.vec2, wp.types.vector(3, Real)
@@ -78,7 +75,7 @@ def carried_arm_functions(kind: BlockKind) -> CarriedArmFunctions:
 
     @wp.func
     def plus_carried_wrenches(ensemble: Ensemble, shared: Shared, mine: ThreadParts, acting: of_three):
-        """Moment and force on the thread's arm, with what the arms on it have shared."""
+        """Moment and force on the thread's arm, with those of arms that it carries."""
         drive = ensemble.drives[mine.drive_row]
         first = first_arm_body(drive, mine)
         for k in range(drive.arms):
@@ -90,7 +87,7 @@ def carried_arm_functions(kind: BlockKind) -> CarriedArmFunctions:
 
     @wp.func
     def add_carried_wrenches(ensemble: Ensemble, shared: Shared, mine: ThreadParts, acting: of_three):
-        """The chain's moment and force on the thread's body and on arms on it; all threads together."""
+        """Chain's moment and force on the thread's body and on arms that it carries; all threads together."""
         if wp.static(kind.parts.jointed):
             if mine.arm >= 0:
                 shared.carried_arms[mine.arm].force = vec2(acting[1], acting[2])
@@ -103,8 +100,9 @@ def carried_arm_functions(kind: BlockKind) -> CarriedArmFunctions:
     def wrench_with_pivot_forces(
         ensemble: Ensemble, shared: Shared, mine: ThreadParts, wrench: Wrench, rates: of_three
     ):
-        """The wrench on the thread's arm with what arms on it leave on their pivots, and its accelerations with them
-        (`physics.hub`, (b) and (c)); once `couple_accelerations` has found these.
+        """Wrench on the thread's arm with carried arms' pivot forces (`physics.hub`, (c)), and accelerations (b).
+
+        Called after `couple_accelerations`.
         """
         drive = ensemble.drives[mine.drive_row]
         first = first_arm_body(drive, mine)
@@ -116,14 +114,14 @@ def carried_arm_functions(kind: BlockKind) -> CarriedArmFunctions:
 
     @wp.func
     def own_spring_state(ensemble: Ensemble, shared: Shared, mine: ThreadParts):
-        """The thread's arm as its spring sees it turn."""
+        """Angle and speed of the thread's arm, relative to its spring's other end."""
         drive, pose = ensemble.drives[mine.drive_row], shared.poses[mine.body]
         first = first_arm_body(drive, mine)
         return spring_state(drive, ensemble.arms, shared.poses, first, mine.body - first, pose)
 
     @wp.func
     def spring_moment_of_carried(ensemble: Ensemble, shared: Shared, mine: ThreadParts):
-        """Moment [N m] on the thread's arm of the springs, dampers and stops of arms on it."""
+        """Moment [N m] on the thread's arm of springs, dampers and stops of arms that it carries."""
         drive = ensemble.drives[mine.drive_row]
         first = first_arm_body(drive, mine)
         return carried_spring_moment(drive, ensemble.arms, shared.poses, first, mine.body - first)
@@ -136,14 +134,14 @@ def carried_arm_functions(kind: BlockKind) -> CarriedArmFunctions:
 
     @wp.func
     def arm_now(ensemble: Ensemble, shared: Shared, b: int, angular: Real, time: Any, lag: Real):
-        """Body b, an arm that has this acceleration, with its rates at `time`, `lag` after their instant."""
+        """State of a block's arm b of acceleration `angular`, with rates at `time`, `lag` after their instant [s]."""
         others, body = shared.arm_rates[b], body_states.body_from_pose(shared.poses[b])
         rates, mount = of_three(others[0], others[1], angular), bodies.body_mount(shared, b)
         return body_at_time(time, lag, body, rates, Real(0.0), shared.motions[b], mount, ensemble)
 
     @wp.func
     def find_acceleration(ensemble: Ensemble, shared: Shared, mine: ThreadParts, time: Any, lag: Real):
-        """Shares the acceleration of the thread's arm, and what is observed of its joint."""
+        """Shares the thread's arm's acceleration, and the observed state of its joint."""
         drive, on = ensemble.drives[mine.drive_row], carrier_body(ensemble, mine)
         first, arms, motions = first_arm_body(drive, mine), ensemble.arms, shared.motions
         poses, rates = shared.poses, shared.arm_rates
@@ -169,11 +167,7 @@ def carried_arm_functions(kind: BlockKind) -> CarriedArmFunctions:
 
     @wp.func
     def couple_accelerations(ensemble: Ensemble, shared: Shared, mine: ThreadParts, now: Now, wrench: Wrench):
-        """Finds load and acceleration of the thread's arm; all threads together, before any body moves.
-
-        Args:
-            wrench: of the chain on the thread's body, of bearings and of tensioners.
-        """
+        """Shares load and coupled acceleration of the thread's arm; all threads together, before any body moves."""
         time, lag = prescribed_motion.step_time(mine, now), Real(0.0)
         if wp.static(kind.has_stages):
             time = stage_at(wp.static(kind.integrator), now.stage, time, prescribed_motion.exact_time_step(mine)).time
@@ -202,7 +196,7 @@ def carried_arm_functions(kind: BlockKind) -> CarriedArmFunctions:
 
     @wp.func
     def place_carried_arm(ensemble: Ensemble, shared: Shared, mine: ThreadParts, going: int):
-        """Takes the thread's arm along with one that carries it, if the run goes on; after a barrier."""
+        """Moves the thread's arm with the one that carries it, unless the run ends; after a barrier."""
         if mine.arm >= 0 and going != 0:
             on = carrier_body(ensemble, mine)
             if on >= 0:

@@ -1,4 +1,4 @@
-"""Where the parts of each of several chains are among those of a variant on a block."""
+"""Places of the parts of each of several chains among those of a variant on a block."""
 
 from dataclasses import dataclass
 from functools import cache
@@ -12,13 +12,13 @@ from .sync import sync_functions
 
 @wp.func
 def bit_range(first: int, count: int):
-    """`count` bits from `first` on."""
+    """`count` bits from `first` on, as of a chain's partners on a block."""
     return ((1 << count) - 1) << first
 
 
 @dataclass(frozen=True)
 class ChainPlaceFunctions:
-    """Places of several chains among the parts of one variant."""
+    """Chain place functions of a block."""
 
     among_chains: wp.Function
     first_rollers: wp.Function
@@ -26,7 +26,7 @@ class ChainPlaceFunctions:
 
 @cache
 def chain_place_functions(kind: BlockKind) -> ChainPlaceFunctions:
-    """The functions that share where chains are."""
+    """Chain place functions of block kernels."""
     chain_count, sprockets, rotors = kind.parts.chains, kind.parts.sprockets, kind.parts.rotors
     several, of_others = chain_count > 1, wp.types.vector(MOST_CHAINS - 1, int)
     kinds = kind.types
@@ -35,7 +35,7 @@ def chain_place_functions(kind: BlockKind) -> ChainPlaceFunctions:
 
     @wp.func
     def share_chain_place(ensemble: Ensemble, shared: Shared, variant: int, r: int):
-        """Shares where the rollers, partners and bodies of chain r are."""
+        """Shares the place of chain r: of its rollers, partners and bodies."""
         whole, drive = ensemble.drives[variant], ensemble.drives[variant + r]
         place = ChainPlace()
         place.first_roller = drive.first_roller - whole.first_roller
@@ -66,7 +66,7 @@ def chain_place_functions(kind: BlockKind) -> ChainPlaceFunctions:
 
     @wp.func
     def among_chains(ensemble: Ensemble, shared: Shared, mine: ThreadParts):
-        """`mine` among the parts of all chains, which are shared before; all threads together."""
+        """Thread's parts among those of all chains, whose places it shares first; all threads together."""
         if wp.static(several):
             if mine.thread < chain_count:
                 share_chain_place(ensemble, shared, mine.variant, mine.thread)
@@ -84,7 +84,7 @@ def chain_place_functions(kind: BlockKind) -> ChainPlaceFunctions:
 
     @wp.func
     def first_rollers(shared: Shared):
-        """The first roller of each chain but the first, which a thread keeps; the chains are shared before."""
+        """First roller of each chain but the first, from shared places."""
         begins = of_others()
         for r in range(1, chain_count):
             begins[r - 1] = shared.chain_places[r].first_roller

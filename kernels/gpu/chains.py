@@ -1,8 +1,7 @@
 """Several chains of a variant on one block, one after the other: rollers, sprockets, guides and arms.
 
-All threads are at work on all chains at once, and bodies of one shaft pass on moments as trains do. A roller's chain
-decides its neighbors, what it may touch, and the row of `Drive` where its state and sums lie. With one chain nothing is
-looked up.
+A roller's chain decides its neighbors, its partners, and the row of `Drive` of its state and sums. One chain needs no
+look-up.
 """
 
 from dataclasses import dataclass
@@ -22,7 +21,7 @@ from .shared_memory import joint_rows, roller_rows, shared_rows
 
 @dataclass(frozen=True)
 class ChainFunctions:
-    """Which chain of one variant a roller, guide or body on a block is of."""
+    """Chain functions of a block."""
 
     chain_number: wp.Function
     chain_number_of_guide: wp.Function
@@ -47,7 +46,7 @@ class ChainFunctions:
 
 @cache
 def chain_functions(kind: BlockKind) -> ChainFunctions:
-    """The functions by which the chains of one variant on a block are kept apart."""
+    """Chain functions of block kernels."""
     chain_count, sprockets, rotors = kind.parts.chains, kind.parts.sprockets, kind.parts.rotors
     several = chain_count > 1
     kinds = kind.types
@@ -58,7 +57,7 @@ def chain_functions(kind: BlockKind) -> ChainFunctions:
 
     @wp.func
     def chain_number(shared: Shared, j: int):
-        """The number of roller j's chain; beyond all, of the last."""
+        """Number of the chain of roller j on a block; of the last chain for a roller beyond all."""
         number = int(0)
         for r in range(1, chain_count):
             number = number + wp.where(j >= shared.first_rollers[r - 1], 1, 0)
@@ -66,7 +65,7 @@ def chain_functions(kind: BlockKind) -> ChainFunctions:
 
     @wp.func
     def chain_number_of_guide(shared: Shared, g: int):
-        """The number of guide g's chain."""
+        """Number of the chain of guide g on a block."""
         number = int(0)
         if wp.static(several):
             for r in range(1, chain_count):
@@ -75,24 +74,24 @@ def chain_functions(kind: BlockKind) -> ChainFunctions:
 
     @wp.func
     def drive_row(shared: Shared, mine: ThreadParts, j: int):
-        """The row of roller j's chain among the drives."""
+        """Row of the drives of the chain of roller j on a block."""
         return mine.variant + chain_number(shared, j)
 
     @wp.func
     def relative_mass(shared: Shared, j: int):
-        """Relative mass of roller j with goods on it, where links vary."""
+        """Mass of a block's roller j with goods on it, relative to its chain's; of links that vary."""
         position = kinds.vec2(access.load(shared.rows, row.x + j), access.load(shared.rows, row.y + j))
         carried = carried_relative_mass(position, shared.chains[chain_number(shared, j)].load)
         return access.load(shared.rows, first_mass + j) + carried
 
     @wp.func
     def set_own_mass(shared: Shared, j: int, value: Real):
-        """Sets the relative mass of roller j without goods, where links vary."""
+        """Sets the relative mass of a block's roller j without goods, of links that vary."""
         access.store(shared.rows, first_mass + j, value)
 
     @wp.func
     def chain_at(shared: Shared, j: int):
-        """Roller j's chain, with that roller's mass."""
+        """Chain of roller j on a block, with that roller's mass."""
         if wp.static(kind.links == "varied"):
             relative = relative_mass(shared, j)
             return chain_at_roller(shared.chains[chain_number(shared, j)], relative, Real(1.0) / relative)
@@ -101,7 +100,7 @@ def chain_functions(kind: BlockKind) -> ChainFunctions:
 
     @wp.func
     def chain_span(shared: Shared, j: int, n: int):
-        """The first roller of roller j's chain, and how many it has; all chains together have `n`."""
+        """First roller and number of rollers of a block's roller j's chain; `n` of all chains."""
         if wp.static(several):
             place = shared.chain_places[chain_number(shared, j)]
             return place.first_roller, place.end_roller - place.first_roller
@@ -110,7 +109,7 @@ def chain_functions(kind: BlockKind) -> ChainFunctions:
 
     @wp.func
     def own_chain_span(shared: Shared, mine: ThreadParts):
-        """The first roller of the chain on the thread's body, and how many it has."""
+        """First roller and number of rollers of the chain of the thread's body."""
         if wp.static(several):
             place = shared.chain_places[mine.drive_row - mine.variant]
             return place.first_roller, place.end_roller - place.first_roller
@@ -119,7 +118,7 @@ def chain_functions(kind: BlockKind) -> ChainFunctions:
 
     @wp.func
     def next_roller(shared: Shared, j: int, n: int):
-        """The roller after roller j; one that there is where j is beyond all, which are n."""
+        """Number of the block's roller after roller j in its chain, of `n`; a valid one where j is beyond all."""
         next = j + 1
         first = int(0)
         for r in range(1, chain_count):
@@ -129,7 +128,7 @@ def chain_functions(kind: BlockKind) -> ChainFunctions:
 
     @wp.func
     def previous_roller(shared: Shared, j: int, n: int):
-        """The roller before roller j, of n in all."""
+        """Number of the block's roller before roller j in its chain, of `n`."""
         last = j - 1
         first = int(0)
         for r in range(1, chain_count):
@@ -139,7 +138,7 @@ def chain_functions(kind: BlockKind) -> ChainFunctions:
 
     @wp.func
     def partners_of_chain(shared: Shared, j: int, mask: int):
-        """The partners of `mask`, as bits, that are of roller j's chain."""
+        """Partners of `mask`, as bits, in the chain of a block's roller j."""
         if wp.static(several):
             return mask & shared.chain_places[chain_number(shared, j)].partners
         else:
@@ -147,7 +146,7 @@ def chain_functions(kind: BlockKind) -> ChainFunctions:
 
     @wp.func
     def contact_memory(shared: Shared, mine: ThreadParts, j: int, p: int):
-        """The contact memory of roller j with partner p, which is of its chain."""
+        """Index of the contact memory of a block's roller j with partner p of its chain."""
         if wp.static(several):
             return shared.contact_begins[p] + j
         elif wp.static(kind.silent):
@@ -158,13 +157,13 @@ def chain_functions(kind: BlockKind) -> ChainFunctions:
 
     @wp.func
     def chain_length(shared: Shared, mine: ThreadParts, j: int):
-        """The number of rollers of roller j's chain."""
+        """Number of rollers of the chain of a block's roller j."""
         first, count = chain_span(shared, j, mine.rollers)
         return count
 
     @wp.func
     def push_memory(shared: Shared, mine: ThreadParts, j: int, at: int):
-        """Place in `State.push` of the force of pin j's flank end whose contact memory is at `at`."""
+        """Index in `State.push` of the force of a block's pin j's flank end whose contact memory is at `at`."""
         if wp.static(several):
             place = shared.chain_places[chain_number(shared, j)]
             return at - place.first_contact + place.first_push
@@ -173,7 +172,7 @@ def chain_functions(kind: BlockKind) -> ChainFunctions:
 
     @wp.func
     def toe_memory(shared: Shared, mine: ThreadParts, j: int):
-        """Place in `State.push` of the force of teeth on pin j in x, and how far behind it that in y is."""
+        """Index in `State.push` of the force of teeth on a block's pin j in x, and the offset of that in y."""
         if wp.static(several):
             place = shared.chain_places[chain_number(shared, j)]
             count = place.end_roller - place.first_roller
@@ -183,7 +182,7 @@ def chain_functions(kind: BlockKind) -> ChainFunctions:
 
     @wp.func
     def strand_in_chain(shared: Shared, drive: Drive, j: int, strand: int):
-        """Strand, or none, of roller j's link in its chain `drive`, from that among all."""
+        """Strand, or none, of a block's roller j's link in its chain `drive`, from that among all chains."""
         if wp.static(several):
             return wp.min(strand - shared.chain_places[chain_number(shared, j)].first_sprocket, drive.sprockets)
         else:
@@ -191,7 +190,7 @@ def chain_functions(kind: BlockKind) -> ChainFunctions:
 
     @wp.func
     def body_index(shared: Shared, first: int, b: int):
-        """Body b's place among all bodies of the ensemble; the variant's begin at `first`."""
+        """Index of a block's body b among all of the ensemble; the variant's begin at `first`."""
         if wp.static(several):
             return shared.body_indices[b]
         else:
@@ -199,7 +198,7 @@ def chain_functions(kind: BlockKind) -> ChainFunctions:
 
     @wp.func
     def body_on_block(ensemble: Ensemble, shared: Shared, row: int, chain: int, b: int):
-        """The variant's body that is body `b`, or the ground, of its chain in a row of the drives."""
+        """Body of the block that is body `b`, or the ground, of a chain in a row of the drives."""
         if wp.static(several):
             drive = ensemble.drives[row]
             arm = b - (drive.bodies - drive.arms)
@@ -213,7 +212,7 @@ def chain_functions(kind: BlockKind) -> ChainFunctions:
 
     @wp.func
     def tensioner_count(drive: Drive):
-        """The number of tensioners of a chain."""
+        """Number of tensioners of a chain on a block."""
         if wp.static(several):
             return drive.tensioners
         else:

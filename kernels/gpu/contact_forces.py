@@ -1,6 +1,6 @@
-"""The block kernels' contacts: forces of teeth and guide-bars on the rollers that touch them, and of goods.
+"""All contact forces of a block's rollers: of teeth and guide-bars, and of goods.
 
-A contact's memory (seat, v0) and sums stay in the state and the tallies, which the cache holds.
+A contact's memory (seat, v0) and sums stay in global memory.
 """
 
 from dataclasses import dataclass
@@ -23,14 +23,14 @@ from .tooth_gaps import tooth_gap_functions
 
 @dataclass(frozen=True)
 class ContactForceFunctions:
-    """Contacts of one variant's rollers with all partners."""
+    """Contact force functions of a block."""
 
     add_contact_forces: wp.Function
 
 
 @cache
 def contact_force_functions(kind: BlockKind) -> ContactForceFunctions:
-    """The functions that evaluate the contacts of one variant on a block."""
+    """Contact force functions of block kernels."""
     # most contacts of the usual law are worked out without branches, in kernels of one length of chain all or none, so
     # that metrics leave a variant its bits: of more links not all kernels gave the same bits (docs/performance.md)
     branchless = kind.linear_hysteretic and kind.shape.room <= 192
@@ -54,10 +54,7 @@ def contact_force_functions(kind: BlockKind) -> ContactForceFunctions:
         now: Now,
         near: partner_bits.Bits,
     ):
-        """Adds the contacts' forces to those of the thread's rollers, and those of taking goods on.
-
-        Each thread goes on to its next roller in teeth at once, so that few wait.
-        """
+        """Adds contact forces, and those of goods that come on, to the forces on the thread's rollers."""
         if wp.static(kind.links == "varied"):
             strand_loads.add_feed_forces(shared, mine)
         if wp.static(kind.silent):

@@ -16,7 +16,7 @@ from .sync import add_to_element, float64_from_float32, raise_element
 
 @dataclass(frozen=True)
 class ContactSumFunctions:
-    """Sums over the window of one variant's contacts."""
+    """Contact sum functions of a block."""
 
     add_powers: wp.Function
     add_force_and_counts: wp.Function
@@ -25,13 +25,13 @@ class ContactSumFunctions:
 
 @cache
 def contact_sum_functions(kind: BlockKind) -> ContactSumFunctions:
-    """The functions that add contacts to the sums of the window."""
+    """Contact sum functions of block kernels."""
     Real = kind.Real
     Now = kind.types.Now
 
     @wp.func
     def as_float64(value: Real):
-        """A value as the sums of contacts have it."""
+        """Value of a block's contact in float64, for its sums."""
         if wp.static(kind.is_paired):
             return float64_from_float32(value)
         else:
@@ -39,17 +39,14 @@ def contact_sum_functions(kind: BlockKind) -> ContactSumFunctions:
 
     @wp.func
     def add_powers(tallies: Tallies, now: Now, at: int, damped: Real, rubbed: Real):
-        """Adds the powers [W] that a closed contact's force and friction take to its sums."""
+        """Adds the powers [W] of a block's closed contact's damper and friction to its sums."""
         add_to_element(tallies.dissipated, at, as_float64(now.weight * damped))
         if wp.static(kind.friction.contacts):
             add_to_element(tallies.friction, at, as_float64(now.weight * rubbed))
 
     @wp.func
     def add_force_and_counts(tallies: Tallies, now: Now, at: int, before: Real, size: Real, passing: bool):
-        """Adds a closed contact's force [N] to its sums, and counts it at its first instant.
-
-        Rollers pass sprockets, where first touches count.
-        """
+        """Adds a block's closed contact's force [N] to its sums, and counts its first instant where `passing`."""
         add_to_element(tallies.impulse, at, as_float64(now.weight * size))
         raise_element(tallies.force_max, at, as_float64(size))
         if before <= Real(0.0):
@@ -59,7 +56,7 @@ def contact_sum_functions(kind: BlockKind) -> ContactSumFunctions:
 
     @wp.func
     def add_stored_energy(tallies: Tallies, now: Now, at: int, energy: Real):
-        """Takes what a contact stores at the window's end, and not at its start, from what it has taken."""
+        """Subtracts a block's contact's energy at the window's end from its dissipation, and adds that at the start."""
         if wp.static(not kind.has_stages):
             if now.flags & ENDS != 0:
                 add_to_element(tallies.dissipated, at, as_float64(wp.where(now.flags & START != 0, energy, -energy)))

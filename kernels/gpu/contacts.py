@@ -1,4 +1,4 @@
-"""Contacts of a block with teeth and guides alike: their law and friction, the v0 that they keep, their sums."""
+"""One contact of a block's roller with a tooth or a guide: law, friction, the v0 that it keeps, sums."""
 
 from dataclasses import dataclass
 from functools import cache
@@ -28,7 +28,7 @@ from .rollers import roller_functions
 
 @dataclass(frozen=True)
 class ContactFunctions:
-    """A roller's contact with a partner: its force, what it remembers, its sums."""
+    """Contact functions of a block: force, memory, sums."""
 
     Contact: Any
     with_kinematics: wp.Function
@@ -46,7 +46,7 @@ class ContactFunctions:
 
 @cache
 def contact_functions(kind: BlockKind) -> ContactFunctions:
-    """The functions that evaluate a contact with a tooth or a guide."""
+    """Contact functions of block kernels."""
     Real, sprockets = kind.Real, kind.parts.sprockets
     kinds, Now = kind.types, kind.types.Now
     State, Shared, Friction = kinds.State, kinds.Shared, kinds.Friction
@@ -75,7 +75,7 @@ def contact_functions(kind: BlockKind) -> ContactFunctions:
 
     @wp.func
     def with_kinematics(contact: Contact, penetration: Real, normal: vec2, relative: vec2):
-        """`contact` with the penetration [m], normal and relative velocity [m/s] of the contact at hand."""
+        """Block's contact with its penetration [m], normal and relative velocity [m/s] set."""
         contact.penetration = penetration
         contact.normal = normal
         contact.relative = relative
@@ -83,7 +83,7 @@ def contact_functions(kind: BlockKind) -> ContactFunctions:
 
     @wp.func
     def approach_acceleration(shared: Shared, body: Pose, arm: vec2, j: int):
-        """Acceleration [m/s^2] of the velocity of a body's point, `arm` from its center, less roller j's so far."""
+        """Acceleration [m/s^2] of a block's body's point, `arm` from its center, less roller j's by forces so far."""
         straight = vec2()
         if wp.static(kind.moving):
             straight = body.straight
@@ -91,7 +91,7 @@ def contact_functions(kind: BlockKind) -> ContactFunctions:
 
     @wp.func
     def with_memory(state: State, contact: Contact, at: int):
-        """`contact` with what the contact at `at` has kept, loaded at once to wait once."""
+        """Block's contact with the values that the state keeps at `at`."""
         contact.impact_speed = access.load(state.impact_speed, at)
         contact.damper_speed = access.load(state.damper_speed, at)
         if wp.static(kind.friction.contacts):
@@ -100,7 +100,7 @@ def contact_functions(kind: BlockKind) -> ContactFunctions:
 
     @wp.func
     def friction_and_hold(now: Now, size: Real, normal: vec2, relative: vec2, contact: Contact, what: Friction):
-        """Friction on a roller [N], and what the contact then holds."""
+        """Friction of a block's contact on a roller [N], and its bristle's force [N]."""
         held = wp.where(contact.impact_speed > Real(0.0), contact.held_friction, Real(0.0))
         stretched = rollers.stretch_part(now)
         if wp.static(kind.friction.contacts == BY_SPEED):
@@ -110,7 +110,7 @@ def contact_functions(kind: BlockKind) -> ContactFunctions:
 
     @wp.func
     def specialized_law(shared: Shared, law: Any, j: int):
-        """A contact law for roller j, with what is known of it when the kernel is made."""
+        """Contact law for roller j, with constants of the block kernel's kind."""
         if wp.static(not kind.has_stages):
             law.most_damping = Real(0.0)
         if wp.static(kind.linear_hysteretic):
@@ -123,7 +123,7 @@ def contact_functions(kind: BlockKind) -> ContactFunctions:
 
     @wp.func
     def velocity_lag(mine: ThreadParts):
-        """Time that velocities are behind the forces [s]."""
+        """Time [s] from velocities to contact forces on a block."""
         if wp.static(kind.has_stages):
             return Real(0.0)
         else:
@@ -131,7 +131,7 @@ def contact_functions(kind: BlockKind) -> ContactFunctions:
 
     @wp.func
     def dissipating_force(force: vec2, damper: Real, normal: vec2):
-        """The force that takes power from motion: a contact's, with stages its damping part [N]."""
+        """Part of a block's contact force [N] that takes power: all of it, or with stages that of the damper."""
         if wp.static(kind.has_stages):
             return damper * normal
         else:
@@ -139,20 +139,20 @@ def contact_functions(kind: BlockKind) -> ContactFunctions:
 
     @wp.func
     def dissipated_powers(mine: ThreadParts, force: vec2, drag: vec2, relative: vec2, more: vec2):
-        """Powers [W] that a closed contact's force and friction take; `more` is the acceleration by all [m/s^2]."""
+        """Powers [W] of a block's closed contact's force and friction; `more` is the acceleration by all [m/s^2]."""
         return dissipated_power(force, relative, more, velocity_lag(mine)), dissipated_power(
             drag, relative, more, velocity_lag(mine)
         )
 
     @wp.func
     def keep_impact_speed(state: State, now: Now, at: int, before: Real, kept: Real):
-        """Stores v0 of a contact while it is closed, at a step's start only, not at its other stages."""
+        """Stores v0 of a block's contact while it is closed, at a step's first stage only."""
         if before != kept and now.stage == 0:
             access.store(state.impact_speed, at, kept)
 
     @wp.func
     def keep_damper_speed(state: State, now: Now, at: int, answer: Real, damper_speed: Real):
-        """Stores the speed at which a closed contact's damper acts [m/s], where its body's `answer` wants that."""
+        """Stores the damper speed [m/s] of a block's closed contact whose law has an `answer`."""
         if answer > Real(0.0) and now.stage == 0:
             access.store(state.damper_speed, at, damper_speed)
 
@@ -167,7 +167,7 @@ def contact_functions(kind: BlockKind) -> ContactFunctions:
         contact: Contact,
         law: kinds.ContactLaw,
     ):
-        """Adds the force of roller j's contact at hand to the roller's; returns whether it is closed, and that [N]."""
+        """Adds the block's current contact force to roller j's; returns whether it is closed, and the force [N]."""
         p, before, normal, relative, more = (
             contact.partner,
             contact.impact_speed,

@@ -1,4 +1,4 @@
-"""Steps at which more happens than forces and motion, and what that is."""
+"""Events of a block's time loop: steps at which more happens than forces and motion."""
 
 import warp as wp
 
@@ -6,7 +6,7 @@ from ..structs import DIVERGENCE_CHECK, Drive
 from ..sums import MERGE_EVERY
 
 EVENT = wp.constant(1)
-"""What can happen at a step, as bits."""
+"""Events of a block's step, as bits."""
 LAST = wp.constant(2)
 FRAME = wp.constant(4)
 START = wp.constant(8)  # of the window
@@ -18,7 +18,7 @@ CHECK = wp.constant(32)  # whether the variant diverged
 
 @wp.func
 def next_event(drive: Drive, step: int):
-    """The next step after `step` at which more happens than forces and motion."""
+    """Next step after `step` with an event of the block's time loop."""
     event = (step // DIVERGENCE_CHECK + 1) * DIVERGENCE_CHECK
     if step < drive.window_end:
         event = wp.min(event, (step // MERGE_EVERY + 1) * MERGE_EVERY)
@@ -36,7 +36,7 @@ def next_event(drive: Drive, step: int):
 
 @wp.func
 def event_flags(drive: Drive, step: int):
-    """The events of `step`, as bits."""
+    """Events of `step` in the block's time loop, as bits."""
     flags = int(EVENT)
     if step == drive.steps:
         flags = flags | LAST

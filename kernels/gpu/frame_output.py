@@ -1,4 +1,4 @@
-"""Frames of one variant on a block: where they begin, bodies and couplings in them."""
+"""Frames of one variant on a block: where they begin, and output of bodies and couplings."""
 
 from dataclasses import dataclass
 from functools import cache
@@ -16,7 +16,7 @@ from .events import FRAME
 
 @dataclass(frozen=True)
 class FrameOutputFunctions:
-    """Frames of one variant on a block."""
+    """Frame output functions of a block."""
 
     frame_begin: wp.Function
     write_body: wp.Function
@@ -25,7 +25,7 @@ class FrameOutputFunctions:
 
 @cache
 def frame_output_functions(kind: BlockKind, frame: Any) -> FrameOutputFunctions:
-    """The functions that write frames, which lie as `frame` says (`kernels.frames`)."""
+    """Frame output functions of block kernels, and frames of layout `frame` (`kernels.frames`)."""
     Real = kind.Real
     sprockets, rotors = kind.parts.sprockets, kind.parts.rotors
     kinds, Now = kind.types, kind.types.Now
@@ -36,7 +36,7 @@ def frame_output_functions(kind: BlockKind, frame: Any) -> FrameOutputFunctions:
 
     @wp.func
     def frame_begin(drive: Drive, now: Now):
-        """Where the frame of a step begins in the buffer."""
+        """Index at which the frame of a block's step begins in the buffer."""
         every = drive.frame_interval
         number = now.step // every - (now.frames_begun + every - 1) // every
         return int(drive.first_value) + number * frame_writers.drive_width(drive)
@@ -52,9 +52,7 @@ def frame_output_functions(kind: BlockKind, frame: Any) -> FrameOutputFunctions:
         moment: Real,
         force: vec2,
     ):
-        """Writes the thread's body and its tensioners to the frame, where due; moment [N m] and force [N] are the
-        chain's.
-        """
+        """Writes the thread's body and its tensioners to a due frame; chain's moment [N m] and force [N]."""
         if now.flags & FRAME != 0:
             drive = ensemble.drives[mine.drive_row]
             at = frame_begin(drive, now)
@@ -82,7 +80,7 @@ def frame_output_functions(kind: BlockKind, frame: Any) -> FrameOutputFunctions:
         twist: Real,
         moment: Real,
     ):
-        """Writes coupling c of all to the frame."""
+        """Writes coupling c of all to the block's frame."""
         drive = ensemble.drives[mine.drive_row]
         at = frame_begin(drive, now)
         frame_writers.write_coupling(frames, at, drive, c - drive.first_coupling, twist, moment)

@@ -1,4 +1,4 @@
-"""Bodies, teeth, guides and laws of a variant, where all threads of its block read them; rollers seen from bodies."""
+"""Shared geometry of a block for contacts: bodies, teeth, guides and laws; rollers relative to bodies."""
 
 from dataclasses import dataclass
 from functools import cache
@@ -16,7 +16,7 @@ from .rollers import roller_functions
 
 @dataclass(frozen=True)
 class GeometryFunctions:
-    """Bodies, teeth and guides of one variant as contacts see them."""
+    """Shared geometry functions of a block."""
 
     put_pose: wp.Function
     share_chains_and_guides: wp.Function
@@ -28,7 +28,7 @@ class GeometryFunctions:
 
 @cache
 def geometry_functions(kind: BlockKind) -> GeometryFunctions:
-    """The functions that share and read what contacts of one variant on a block see of bodies and guides."""
+    """Shared geometry functions of block kernels."""
     Real, sprockets, body_count = kind.Real, kind.parts.sprockets, kind.parts.bodies
     kinds = kind.types
     Ensemble, Shared, Pose = kinds.Ensemble, kinds.Shared, kinds.Pose
@@ -38,7 +38,7 @@ def geometry_functions(kind: BlockKind) -> GeometryFunctions:
 
     @wp.func
     def put_pose(shared: Shared, b: int, pose: Pose):
-        """Sets the pose of body b, and the center of its band."""
+        """Sets the shared pose of body b, and the center of its band."""
         shared.poses[b] = pose
         if wp.static(kind.moving):
             if b < sprockets:
@@ -89,7 +89,7 @@ def geometry_functions(kind: BlockKind) -> GeometryFunctions:
 
     @wp.func
     def guide_now(shared: Shared, g: int):
-        """Guide g where it is now; one with a profile stays in the frame of the body that carries it."""
+        """A block's guide g at its present place; one with a profile in its carrier's frame."""
         bar = shared.guides[g]
         if wp.static(kind.profiles):
             if bar.pieces == 0 and bar.body < body_count:
@@ -98,12 +98,12 @@ def geometry_functions(kind: BlockKind) -> GeometryFunctions:
 
     @wp.func
     def arm_from_body(shared: Shared, j: int, b: int):
-        """Roller j from the center of body b, which carries a guide [m]."""
+        """Vector [m] to a block's roller j from the center of body b, which carries a guide."""
         return leading_value(difference(rollers.exact_position(shared.rows, j), shared.poses[b].center))
 
     @wp.func
     def arm_and_carrier_coordinates(shared: Shared, j: int, b: int):
-        """Roller j from the center of body b, which carries a guide, and in that body's frame [m]."""
+        """Vector [m] to a block's roller j from the center of a guide's carrier b, and that in the carrier's frame."""
         carrier = shared.poses[b]
         arm = difference(rollers.exact_position(shared.rows, j), carrier.center)
         q = arm

@@ -1,4 +1,4 @@
-"""Bearings of sprockets on a block, and sprockets that arms carry."""
+"""Hubs on a block: friction in sprockets' bearings, and sprockets that arms carry."""
 
 from dataclasses import dataclass
 from functools import cache
@@ -18,7 +18,7 @@ from .sync import sync_functions
 
 @dataclass(frozen=True)
 class HubFunctions:
-    """Bearings of one variant's sprockets, and sprockets on arms (`physics.hub`)."""
+    """Hub functions of a block (`physics.hub`)."""
 
     add_bearing_moments: wp.Function
     end_hub_step: wp.Function
@@ -26,7 +26,7 @@ class HubFunctions:
 
 @cache
 def hub_functions(kind: BlockKind) -> HubFunctions:
-    """The functions of the bearings of one variant's sprockets on a block; nothing where none rubs or is on an arm."""
+    """Hub functions of block kernels; they do nothing without hubs."""
     Real, sprockets = kind.Real, kind.parts.sprockets
     kinds, Now = kind.types, kind.types.Now
     Ensemble, State, Shared, Wrench = kinds.Ensemble, kinds.State, kinds.Shared, kinds.Wrench
@@ -38,7 +38,7 @@ def hub_functions(kind: BlockKind) -> HubFunctions:
     def add_bearing_moments(
         ensemble: Ensemble, state: State, shared: Shared, mine: ThreadParts, now: Now, wrench: Wrench
     ):
-        """`wrench`, of the chain on the thread's body, with the moment of bearings on it; all threads together."""
+        """Wrench on the thread's body with its bearings' moment; all threads together."""
         if wp.static(kind.parts.hubs):
             s = mine.body
             if s >= 0 and s < sprockets:
@@ -58,7 +58,7 @@ def hub_functions(kind: BlockKind) -> HubFunctions:
 
     @wp.func
     def bearing_moment_on_body(shared: Shared, mine: ThreadParts):
-        """Moment of bearings on the thread's body [N m]: on an arm, of all sprockets that it carries."""
+        """Moment [N m] of bearings on the thread's body; on an arm, of all sprockets that it carries."""
         moment = Real(0.0)
         for s in range(sprockets):
             if s == mine.body:
@@ -69,9 +69,9 @@ def hub_functions(kind: BlockKind) -> HubFunctions:
 
     @wp.func
     def end_hub_step(shared: Shared, mine: ThreadParts, now: Now):
-        """Adds what the bearing of the thread's sprocket takes, and moves that sprocket with its arm.
+        """Adds the loss of the bearing of the thread's sprocket, and moves that sprocket with its arm.
 
-        All threads together, once all bodies are a step or a stage on.
+        All threads together, once all bodies have moved.
         """
         if wp.static(kind.parts.hubs):
             sync.barrier()

@@ -1,4 +1,4 @@
-"""Friction powers of the joints of one variant's chains on a block, for frames."""
+"""Friction powers of the joints of a block's chains, for frames."""
 
 from dataclasses import dataclass
 from functools import cache
@@ -19,14 +19,14 @@ from .rollers import roller_functions
 
 @dataclass(frozen=True)
 class JointPowerFunctions:
-    """Friction powers of joints."""
+    """Joint power functions of a block."""
 
     friction_power: wp.Function
 
 
 @cache
 def joint_power_functions(kind: BlockKind) -> JointPowerFunctions:
-    """The function that evaluates the friction of a joint."""
+    """Joint power functions of block kernels."""
     Real = kind.Real
     kinds = kind.types
     Ensemble, State, Shared = kinds.Ensemble, kinds.State, kinds.Shared
@@ -39,7 +39,7 @@ def joint_power_functions(kind: BlockKind) -> JointPowerFunctions:
 
     @wp.func
     def tension_and_turn_rates(ensemble: Ensemble, shared: Shared, mine: ThreadParts, j: int, lag: Real):
-        """Tension of link j [N] and the rate at which it turns [rad/s], which comes a second time from `lag` later."""
+        """Tension [N] and rate of turning [rad/s] of a block's link j, and that rate from `lag` [s] later."""
         n = mine.rollers
         tension, rate, force = links.link_load(shared, j, n, access.load(ensemble.lengths, mine.first_roller + j))
         d, w = links.link_vector_and_velocity(shared, j, n)
@@ -50,7 +50,7 @@ def joint_power_functions(kind: BlockKind) -> JointPowerFunctions:
 
     @wp.func
     def friction_power(ensemble: Ensemble, state: State, shared: Shared, mine: ThreadParts, j: int, lag: Real):
-        """Power that joint j dissipates [W], found anew from the links beside it, at rates from `lag` later."""
+        """Power [W] that joint j of a block dissipates, at rates from `lag` [s] later."""
         last = chains.previous_roller(shared, j, mine.rollers)
         tension_before, turn_before, later_before = tension_and_turn_rates(ensemble, shared, mine, last, lag)
         tension, turn, later = tension_and_turn_rates(ensemble, shared, mine, j, lag)

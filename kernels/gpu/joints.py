@@ -1,4 +1,4 @@
-"""Friction in the joints of one variant's chains on a block: couples on links, and the work that they take."""
+"""Friction in the joints of a block's chains: couples on links, and their work."""
 
 from dataclasses import dataclass
 from functools import cache
@@ -23,17 +23,17 @@ from .sync import sync_functions
 
 @wp.func_native("union { double one; float two[2]; } of; of.two[0] = x; of.two[1] = y; return of.one;")
 def float64_of_two(x: wp.float32, y: wp.float32) -> wp.float64:
-    """Two float32 in the place of a float64."""
+    """Float64 that holds two float32, for joints' couples on blocks."""
 
 
 @wp.func_native("union { double one; float two[2]; } of; of.one = value; return {of.two[0], of.two[1]};")
 def two_of_float64(value: wp.float64) -> wp.vec2f:
-    """Two float32 from the float64 that `float64_of_two` made."""
+    """Two float32 from a block's float64 that `float64_of_two` made."""
 
 
 @dataclass(frozen=True)
 class JointFunctions:
-    """Link forces of chains whose joints rub, and the work of their friction."""
+    """Joint functions of a block: link forces with joint friction, and its work."""
 
     moment_between_links: wp.Function
     turning_of_link: wp.Function
@@ -43,7 +43,7 @@ class JointFunctions:
 
 @cache
 def joint_functions(kind: BlockKind) -> JointFunctions:
-    """The functions of links whose joints rub."""
+    """Joint functions of block kernels."""
     Real, threads, rollers_per_thread = kind.Real, kind.shape.threads, kind.shape.rollers_per_thread
     slots = kind.shape.slots
     kinds, Now = kind.types, kind.types.Now
@@ -61,9 +61,9 @@ def joint_functions(kind: BlockKind) -> JointFunctions:
 
     @wp.func
     def moment_between_links(before: vec2, after: vec2, held: Real, chain: Chain, stretched: Real):
-        """Moment [N m] of the joint between two links, and what its bristle then holds [N m].
+        """Moment [N m] of a block's joint between two links, and of its bristle, from `held` [N m].
 
-        Of each link tension [N] and rate of turning [rad/s]; the bristle has held `held` [N m].
+        `before` and `after` are each link's tension [N] and rate of turning [rad/s].
         """
         mu = chain.joint.mu_dynamic
         if wp.static(kind.friction.joints == BY_SPEED):
@@ -72,10 +72,7 @@ def joint_functions(kind: BlockKind) -> JointFunctions:
 
     @wp.func
     def turning_of_link(shared: Shared, j: int, n: int, d: vec2, w: vec2):
-        """n / L [1/m] and rate of turning [rad/s] of link j; 0 of an absent one, as what holds the ends does not turn.
-
-        `d` and `w` are from `link_vector_and_velocity`.
-        """
+        """n / L [1/m] and rate of turning [rad/s] of a block's link j for joint friction; 0 of an absent one."""
         lever, turn = link_turning(d, w)
         if wp.static(kind.links == "varied"):
             first, count = chains.chain_span(shared, j, n)
@@ -86,17 +83,17 @@ def joint_functions(kind: BlockKind) -> JointFunctions:
 
     @wp.func
     def tension_and_turn_rate(rows: wp.array[Real], j: int):
-        """Tension [N] of link j and the rate at which it turns [rad/s], from their rows."""
+        """Tension [N] and rate of turning [rad/s] of link j, from the block's rows."""
         return vec2(access.load(rows, TENSION + j), access.load(rows, TURN + j))
 
     @wp.func
     def held_moment(state: State, mine: ThreadParts, j: int):
-        """Moment [N m] that the bristle of joint j has held until now."""
+        """Moment [N m] that the bristle of a block's joint j holds in the state."""
         return access.load(state.joint_hold, mine.first_roller + wp.min(j, mine.rollers - 1))
 
     @wp.func
     def joint_moment(shared: Shared, mine: ThreadParts, now: Now, j: int, held: Real):
-        """Moment [N m] of joint j, and what its bristle holds [N m] after `held`, from the rows."""
+        """Moment [N m] of joint j, and of its bristle, from `held` and the block's rows."""
         n, rows, stretched = mine.rollers, shared.rows, rollers.stretch_part(now)
         return moment_between_links(
             tension_and_turn_rate(rows, chains.previous_roller(shared, j, n)),
@@ -108,13 +105,13 @@ def joint_functions(kind: BlockKind) -> JointFunctions:
 
     @wp.func
     def keep_held_moment(state: State, mine: ThreadParts, now: Now, j: int, holds: Real):
-        """Sets what the bristle of joint j holds from now on."""
+        """Stores the moment [N m] that the bristle of a block's joint j holds."""
         if j < mine.rollers and now.stage == 0:
             access.store(state.joint_hold, mine.first_roller + j, holds)
 
     @wp.func
     def share_joint_moments(state: State, shared: Shared, mine: ThreadParts, now: Now, held: of_each):
-        """Puts the moment of each joint of the thread in place of the rate at which the link after it turns."""
+        """Shares the moments of the thread's joints, in place of rates of turning."""
         moment = of_each()
         for k in range(rollers_per_thread):
             j = k * threads + mine.thread
@@ -128,12 +125,12 @@ def joint_functions(kind: BlockKind) -> JointFunctions:
 
     @wp.func
     def link_couple(rows: wp.array[Real], j: int, next: int, lever: vec2):
-        """Force [N] of the couple of link j's joints, from the moments that they share."""
+        """Force [N] of the couple of link j's joints, from shared moments."""
         return couple_force(access.load(rows, TURN + j), access.load(rows, TURN + next), lever)
 
     @wp.func
     def store_couple(rows: wp.array[Real], j: int, x: Real, y: Real):
-        """Keeps the force [N] of the couple of link j's joints, as float32."""
+        """Stores the force [N] of the couple of a block's link j's joints, as float32."""
         if wp.static(kind.is_paired):
             access.store(rows, FIRST + j, x)
             access.store(rows, SECOND + j, y)
@@ -142,7 +139,7 @@ def joint_functions(kind: BlockKind) -> JointFunctions:
 
     @wp.func
     def load_couple(rows: wp.array[Real], j: int):
-        """Force [N] of the couple of link j's joints, from `store_couple`."""
+        """Force [N] of the couple of a block's link j's joints, from `store_couple`."""
         if wp.static(kind.is_paired):
             return wp.vec2f(access.load(rows, FIRST + j), access.load(rows, SECOND + j))
         else:
@@ -150,7 +147,7 @@ def joint_functions(kind: BlockKind) -> JointFunctions:
 
     @wp.func
     def find_link_forces(state: State, shared: Shared, mine: ThreadParts, now: Now, lengths: wp.array[Real]):
-        """Sets the force of both its links, with their joints', on each roller; all threads together.
+        """Sets the force on each of the thread's rollers of both its links and their joints; all threads together.
 
         Returns tension [N] and rate of elongation [m/s] of the thread's links.
         """
@@ -206,12 +203,12 @@ def joint_functions(kind: BlockKind) -> JointFunctions:
 
     @wp.func
     def count_work(shared: Shared, at: int, work: Real):
-        """Adds the work [J] that friction takes from roller `at`."""
+        """Adds the work [J] that joint friction takes from a block's roller `at`."""
         access.store(shared.link_sums, FRICTION + at, access.load(shared.link_sums, FRICTION + at) - work)
 
     @wp.func
     def add_friction_work(shared: Shared, mine: ThreadParts, now: Now):
-        """Adds what friction takes from the thread's rollers in this step, at the mean of its two velocities."""
+        """Adds the work of joint friction on the thread's rollers in this step, at their mean velocity."""
         rows = shared.rows
         for k in range(rollers_per_thread):
             j = k * threads + mine.thread

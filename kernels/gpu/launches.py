@@ -21,7 +21,7 @@ from .tensioners import tensioner_functions
 
 @dataclass(frozen=True)
 class LaunchFunctions:
-    """Begin and end of a launch for one variant, and its way from step to step."""
+    """Launch functions of a block."""
 
     outputs: wp.Function
     moved_sprockets: wp.Function
@@ -34,7 +34,7 @@ class LaunchFunctions:
 
 @cache
 def launch_functions(kind: BlockKind) -> LaunchFunctions:
-    """The functions by which a launch begins and ends for a variant, and its loop goes from step to step."""
+    """Launch functions of block kernels."""
     Real, sprockets, integrator = kind.Real, kind.parts.sprockets, kind.integrator
     kinds, Now, Out = kind.types, kind.types.Now, kind.types.Out
     Ensemble, State, Shared, Sums = kinds.Ensemble, kinds.State, kinds.Shared, kinds.Sums
@@ -49,7 +49,7 @@ def launch_functions(kind: BlockKind) -> LaunchFunctions:
 
     @wp.func
     def outputs(sums: Sums, tallies: Tallies, frames: wp.array[Real]):
-        """Gathers the kernel's arguments for results."""
+        """Sums, tallies and frames of a block's launch as one struct."""
         out = Out()
         out.sums = sums
         out.tallies = tallies
@@ -58,7 +58,7 @@ def launch_functions(kind: BlockKind) -> LaunchFunctions:
 
     @wp.func
     def moved_sprockets(shared: Shared):
-        """The sprockets whose moment moves them, as bits."""
+        """Sprockets of a block whose moment moves them, as bits."""
         if wp.static(kind.moving):
             return ALL_SPROCKETS
         mask = int(0)
@@ -69,7 +69,7 @@ def launch_functions(kind: BlockKind) -> LaunchFunctions:
 
     @wp.func
     def with_wanted_sums(mine: ThreadParts, now: Now):
-        """Sets which sums this evaluation adds to: metrics at a step's start, and moments of which sprockets."""
+        """Time loop's state with the sums wanted now: metrics at a step's start, and moments of which sprockets."""
         now.measures = 0
         if wp.static(kind.measuring):
             now.weight = rollers.time_step(mine)
@@ -85,7 +85,7 @@ def launch_functions(kind: BlockKind) -> LaunchFunctions:
 
     @wp.func
     def first_instant(state: State, mine: ThreadParts, begun: int):
-        """The loop where a launch begins; the frames' buffer was begun at step `begun`."""
+        """Time loop's state at a launch's begin; the frames' buffer begins at step `begun`."""
         now = Now()
         now.step = state.progress[mine.variant].step
         now.next_event = now.step
@@ -96,7 +96,7 @@ def launch_functions(kind: BlockKind) -> LaunchFunctions:
 
     @wp.func
     def next_stage(now: Now):
-        """`now` at the next stage or step; a variant that has diverged stays where it is."""
+        """Time loop's state at the next stage or step; unchanged for a variant that has diverged."""
         if now.flags & END != 0:
             now.in_window = 0
         now.flags = 0
@@ -111,7 +111,7 @@ def launch_functions(kind: BlockKind) -> LaunchFunctions:
 
     @inlined
     def begin_launch(ensemble: Ensemble, state: State, sums: Sums, shared: Shared, mine: ThreadParts, step: int):
-        """Shares bodies and sums, from the state."""
+        """Shares bodies and sums from the state, at a block's launch."""
         if mine.body >= 0:
             body_states.share_body(ensemble, state, sums, shared, mine, step)
         if wp.static(kind.measuring):
@@ -120,7 +120,7 @@ def launch_functions(kind: BlockKind) -> LaunchFunctions:
 
     @wp.func
     def end_launch(ensemble: Ensemble, state: State, out: Out, shared: Shared, mine: ThreadParts, now: Now):
-        """Puts rollers, bodies and sums back into the state."""
+        """Puts rollers, bodies and sums back into the state, at the end of a block's launch."""
         tensioners.end_oil_warp(shared, mine.thread)
         if wp.static(kind.measuring):
             link_tallies.merge_tallies(out.tallies, shared, mine)

@@ -1,4 +1,4 @@
-"""Sums of a block's links and joints: squared rates, friction, tensions by strand, and extremes of tension."""
+"""Tallies of a block's links and joints: squared rates, friction, tensions by strand, and extremes of tension."""
 
 from dataclasses import dataclass
 from functools import cache
@@ -20,7 +20,7 @@ from .sync import add_to_link_tally, add_to_roller_tally, end_turn, lanes_with_f
 
 @dataclass(frozen=True)
 class LinkTallyFunctions:
-    """Sums of one variant's links and joints, and extremes of tension."""
+    """Link tally functions of a block."""
 
     begin_extremes: wp.Function
     merge_extremes_of_strands: wp.Function
@@ -35,7 +35,7 @@ class LinkTallyFunctions:
 
 @cache
 def link_tally_functions(kind: BlockKind) -> LinkTallyFunctions:
-    """The functions that add to the sums of links and joints."""
+    """Link tally functions of block kernels."""
     Real, threads, rollers_per_thread = kind.Real, kind.shape.threads, kind.shape.rollers_per_thread
     sprockets, chain_count = kind.parts.sprockets, kind.parts.chains
     kinds = kind.types
@@ -52,22 +52,22 @@ def link_tally_functions(kind: BlockKind) -> LinkTallyFunctions:
 
     @wp.func_native(code_by_device(f"return {high_bits}(value);", "return value < 0 ? -1 : 0;"))
     def sign_bits(value: Real) -> int:
-        """A negative number where `value` is negative: many are tested at once, none waits for another."""
+        """Negative whole number where `value` is negative, to compare a block's tensions at once."""
 
     @wp.func
     def extremes_index(i: int, of: int):
-        """Where the lowest tension on strand `of` stands for thread i's warp; the highest is the next value."""
+        """Index of the lowest tension on strand `of` in thread i's warp; the highest is the next value."""
         return i // WARP * wp.static(extreme_values(kind)) + 2 * of
 
     @wp.func
     def set_extremes(shared: Shared, at: int, lowest: wp.float64, highest: wp.float64):
-        """Stores a pair of extremes at `at`."""
+        """Stores a pair of extremes of tension of a warp at `at`."""
         access.store(shared.link_sums, at, Real(lowest))
         access.store(shared.link_sums, at + 1, Real(highest))
 
     @wp.func
     def begin_extremes(ensemble: Ensemble, sums: Sums, shared: Shared, mine: ThreadParts):
-        """Sets the extremes of tension so far, one thread of each warp; no rates and no friction yet."""
+        """Sets the extremes of tension so far, one thread of each warp, and zero rates and friction."""
         i = mine.thread
         none = int(sprockets)
         if i % WARP == 0:
@@ -86,7 +86,7 @@ def link_tally_functions(kind: BlockKind) -> LinkTallyFunctions:
 
     @wp.func
     def strand_extremes(shared: Shared, of: int):
-        """Lowest and highest tension on strand `of` that any warp has seen [N]."""
+        """Lowest and highest tension [N] on strand `of` over all warps."""
         lowest = Real(3.0e38)
         highest = -Real(3.0e38)
         for w in range(wp.static(threads // WARP)):
@@ -97,7 +97,7 @@ def link_tally_functions(kind: BlockKind) -> LinkTallyFunctions:
 
     @wp.func
     def merge_extremes_of_strands(ensemble: Ensemble, sums: Sums, shared: Shared, mine: ThreadParts):
-        """Merges the extremes of tension into the sums, by the threads of the strands' sprockets and the first."""
+        """Merges extremes of tension into the sums, by threads of the strands' sprockets and the first."""
         s = mine.sprocket
         if s >= 0:
             at = ensemble.drives[mine.variant].first_sprocket + s
@@ -111,7 +111,7 @@ def link_tally_functions(kind: BlockKind) -> LinkTallyFunctions:
 
     @wp.func
     def widen_extremes_of_warp(shared: Shared, i: int, tension: of_each):
-        """Widens the warp's extremes by tensions of thread i's links, while no other thread does."""
+        """Widens the warp's extremes of tension by those of thread i's links, while no other thread does."""
         for k in range(rollers_per_thread):
             at = extremes_index(i, strands.stored_strand(shared, i, k))
             if tension[k] < access.load(shared.link_sums, at):
@@ -121,10 +121,7 @@ def link_tally_functions(kind: BlockKind) -> LinkTallyFunctions:
 
     @wp.func
     def widen_extremes(shared: Shared, i: int, tension: of_each):
-        """Widens the extremes so far by tensions of the links of thread i's warp, rarely beyond.
-
-        Threads with such a link take turns.
-        """
+        """Widens extremes of tension by links of thread i's warp, whose threads take turns."""
         beyond = int(0)
         for k in range(rollers_per_thread):
             at = extremes_index(i, strands.stored_strand(shared, i, k))
@@ -139,17 +136,14 @@ def link_tally_functions(kind: BlockKind) -> LinkTallyFunctions:
 
     @wp.func
     def add_rates(shared: Shared, i: int, rate: of_each, weight: Real):
-        """Adds one step's squared rates of thread i's links to their sums; `weight` is the time it stands for [s].
-
-        Each link has a sum of its own, the same on any number of threads.
-        """
+        """Adds a step's squared rates of thread i's links to their sums; `weight` is its time [s]."""
         for k in range(rollers_per_thread):
             at = RATES + k * threads + i
             access.store(shared.link_sums, at, access.load(shared.link_sums, at) + (weight * rate[k]) * rate[k])
 
     @wp.func
     def merge_tallies(tallies: Tallies, shared: Shared, mine: ThreadParts):
-        """Adds what the thread's links and joints have taken to their tallies."""
+        """Adds the sums of the thread's links and joints to their tallies."""
         j = int(mine.thread)
         while j < mine.rollers:
             taken = RollerTally()
@@ -165,9 +159,7 @@ def link_tally_functions(kind: BlockKind) -> LinkTallyFunctions:
 
     @wp.func
     def add_link_tension(tallies: Tallies, drive: Drive, shared: Shared, j: int, n: int, tension: Real):
-        """Adds the tension of link j, of n in all, to its tally of the strand that it is on; returns that strand of its
-        chain `drive`.
-        """
+        """Adds the tension of a block's link j, of n, to its strand's tally; returns that strand of its chain."""
         of = chains.strand_in_chain(shared, drive, j, strands.stored_strand(shared, j % threads, j // threads))
         first, count = chains.chain_span(shared, j, n)
         seen = add_tension(LinkTally(), tension)
@@ -177,12 +169,12 @@ def link_tally_functions(kind: BlockKind) -> LinkTallyFunctions:
 
     @wp.func
     def update_strand(state: kinds.State, shared: Shared, first: int, n: int, at: int, anew: bool):
-        """Brings strand `at` of all up to date, or seeks it `anew`, of a chain of n rollers from `first` on."""
+        """Updates a block's strand `at` of all, or seeks it `anew`, on a chain of n rollers from `first` on."""
         state.strands[at] = follow(shared.rows, row.x + first, row.y + first, n, state.strands[at], anew)
 
     @wp.func
     def add_mid_displacement(sums: Sums, shared: Shared, first: int, n: int, at: int, strand: Strand):
-        """Adds the mid-strand displacement of `strand`, of n rollers from `first` on, to the sums at `at`."""
+        """Adds the mid-strand displacement of a block's `strand`, of n rollers from `first` on, to the sums at `at`."""
         rows = shared.rows
         a = first + strand.middle
         b = first + next_index(strand.middle, n)
@@ -195,7 +187,7 @@ def link_tally_functions(kind: BlockKind) -> LinkTallyFunctions:
 
     @wp.func
     def energy_of_roller(shared: Shared, j: int, n: int, v: vec2, extra: kinds.Extra):
-        """Energy of roller j, of n, and elastic energy of the link after it and of its contacts [J]."""
+        """Energy [J] of a block's roller j, of n, and elastic energy of its next link and its contacts."""
         first, count = chains.chain_span(shared, j, n)
         position, chain = rollers.position(shared.rows, j), chains.chain_at(shared, j)
         held, weight = roller_energy(position, v, extra.tension, extra.rate, j - first, chain)

@@ -1,4 +1,4 @@
-"""The links of one variant on a block: their tensions, and their forces on the rollers at both ends."""
+"""Links of one variant on a block: tensions, and forces on the rollers at both ends."""
 
 from dataclasses import dataclass
 from functools import cache
@@ -16,7 +16,7 @@ from .sync import sync_functions
 
 @dataclass(frozen=True)
 class LinkFunctions:
-    """Links of one variant on a block."""
+    """Link functions of a block."""
 
     link_vector_and_velocity: wp.Function
     link_load_from_vector: wp.Function
@@ -27,7 +27,7 @@ class LinkFunctions:
 
 @cache
 def link_functions(kind: BlockKind) -> LinkFunctions:
-    """The functions that evaluate the links of one variant on a block."""
+    """Link functions of block kernels."""
     Real, threads, rollers_per_thread = kind.Real, kind.shape.threads, kind.shape.rollers_per_thread
     kinds = kind.types
     Shared = kinds.Shared
@@ -40,7 +40,7 @@ def link_functions(kind: BlockKind) -> LinkFunctions:
 
     @wp.func
     def link_vector_and_velocity(shared: Shared, j: int, n: int):
-        """From roller j to the next one: vector [m], exact at float32 too, and relative velocity [m/s]."""
+        """Vector [m] of a block's link j to the next roller, exact at float32 too, and relative velocity [m/s]."""
         rows = shared.rows
         next = chains.next_roller(shared, j, n)
         d = vec2(
@@ -60,10 +60,7 @@ def link_functions(kind: BlockKind) -> LinkFunctions:
 
     @wp.func
     def link_load_from_vector(shared: Shared, j: int, n: int, d: vec2, v: vec2, length: Real):
-        """Tension [N], rate of elongation [m/s] and force on roller j [N] of the link after it, eq. (2), (3).
-
-        `d` and `v` are from `link_vector_and_velocity`.
-        """
+        """Tension [N], rate of elongation [m/s] and force [N] on roller j of a block's link j, eq. (2), (3)."""
         if wp.static(kind.links == "varied"):
             first, count = chains.chain_span(shared, j, n)
             tension, rate, u = uneven_link_force(d, v, length, j - first, chains.chain_at(shared, j))
@@ -75,7 +72,7 @@ def link_functions(kind: BlockKind) -> LinkFunctions:
 
     @wp.func
     def link_length(shared: Shared, lengths: wp.array[Real], j: int):
-        """Unloaded length of link j [m], the first of `lengths` being that of link 0."""
+        """Unloaded length [m] of a block's link j; `lengths` begin with link 0."""
         if wp.static(kind.links == "alike"):
             return chains.chain_at(shared, j).length
         else:
@@ -83,7 +80,7 @@ def link_functions(kind: BlockKind) -> LinkFunctions:
 
     @wp.func
     def link_load(shared: Shared, j: int, n: int, length: Real):
-        """Tension [N], rate of elongation [m/s] and force on roller j [N] of the link after it."""
+        """Tension [N], rate of elongation [m/s] and force [N] on roller j of a block's link j, at its present place."""
         d, v = link_vector_and_velocity(shared, j, n)
         return link_load_from_vector(shared, j, n, d, v, length)
 
@@ -91,11 +88,9 @@ def link_functions(kind: BlockKind) -> LinkFunctions:
     def find_link_forces(
         state: kinds.State, shared: Shared, mine: ThreadParts, now: kinds.Now, lengths: wp.array[Real]
     ):
-        """Sets the force of both its links on each roller; all threads together.
+        """Sets the force of both its links on each of the thread's rollers; all threads together.
 
-        Returns tension [N] and rate of elongation [m/s] of the thread's links, found one after the other without a
-        branch, so
-        that latencies overlap. A thread with one roller finds the link before it too, and waits for no other.
+        Returns tension [N] and rate of elongation [m/s] of the thread's links.
         """
         n, i = mine.rollers, mine.thread
         tension = of_each()

@@ -1,4 +1,4 @@
-"""Moments on single bodies of one variant on a block: of loads, arms' springs, motors."""
+"""Moments on single bodies of a block: of loads, arms' springs, motors."""
 
 from dataclasses import dataclass
 from functools import cache
@@ -16,14 +16,14 @@ from .prescribed_motion import prescribed_motion_functions
 
 
 def finds_loads_ahead(kind: BlockKind) -> bool:
-    """Whether threads that else would wait for the contacts of others find the loads of bodies meanwhile."""
+    """Whether threads that else would wait for others' contacts compute bodies' loads meanwhile."""
     waiting = kind.shape.body_warp or (not kind.shape.is_one_warp and not kind.is_paired)
     return waiting and not kind.has_stages and not kind.parts.is_tied
 
 
 @dataclass(frozen=True)
 class LoadFunctions:
-    """Moments on the thread's body."""
+    """Load functions of a block."""
 
     body_load: wp.Function
     find_load_ahead: wp.Function
@@ -32,7 +32,7 @@ class LoadFunctions:
 
 @cache
 def load_functions(kind: BlockKind) -> LoadFunctions:
-    """The functions that find moments on single bodies of one variant."""
+    """Load functions of block kernels."""
     Real, sprockets, rotors = kind.Real, kind.parts.sprockets, kind.parts.rotors
     kinds, Now = kind.types, kind.types.Now
     Ensemble, Shared, Pose = kinds.Ensemble, kinds.Shared, kinds.Pose
@@ -40,10 +40,7 @@ def load_functions(kind: BlockKind) -> LoadFunctions:
 
     @wp.func
     def body_load(ensemble: Ensemble, shared: Shared, mine: ThreadParts, rounded: Real, time: Any, pose: Pose):
-        """Moment on the thread's body [N m] of its load, or of an arm's own springs and weight.
-
-        Found for prescribed bodies, too, so that a warp's threads do not part.
-        """
+        """Moment [N m] on the thread's body of its load, or of an arm's springs and weight; 0 where prescribed."""
         motion = shared.motions[mine.body]
         tabulated = Real(0.0)
         if wp.static(kind.parts.tabulated):
@@ -62,7 +59,7 @@ def load_functions(kind: BlockKind) -> LoadFunctions:
 
     @wp.func
     def find_load_ahead(ensemble: Ensemble, shared: Shared, mine: ThreadParts, now: Now):
-        """Works out the load on the thread's body, while other threads are at their contacts."""
+        """Stores the load on the thread's body, while other threads compute contacts."""
         if wp.static(finds_loads_ahead(kind)):
             pose = shared.poses[mine.body]
             rounded, time = prescribed_motion.rounded_step_time(mine, now), prescribed_motion.step_time(mine, now)

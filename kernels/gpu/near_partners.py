@@ -1,4 +1,4 @@
-"""The sprockets and guides that the rollers of a block's threads may touch, from step to step."""
+"""Partners that a block's rollers may touch, sprockets and guides, from step to step."""
 
 from dataclasses import dataclass
 from functools import cache
@@ -18,7 +18,7 @@ from .rollers import roller_functions
 
 @dataclass(frozen=True)
 class NearPartnerFunctions:
-    """Partners that a thread's rollers may touch, from step to step."""
+    """Near partner functions of a block."""
 
     remembered_partners: wp.Function
     update_near_partners: wp.Function
@@ -26,7 +26,7 @@ class NearPartnerFunctions:
 
 @cache
 def near_partner_functions(kind: BlockKind) -> NearPartnerFunctions:
-    """The functions that keep up which partners are near."""
+    """Near partner functions of block kernels."""
     Real, threads, rollers_per_thread = kind.Real, kind.shape.threads, kind.shape.rollers_per_thread
     sprockets, guides, body_count = kind.parts.sprockets, kind.parts.guides, kind.parts.bodies
     partners = sprockets + guides
@@ -40,7 +40,7 @@ def near_partner_functions(kind: BlockKind) -> NearPartnerFunctions:
 
     @wp.func
     def has_profile(bar: Guide):
-        """Whether a guide has a profile."""
+        """Whether a guide that a block's rollers are near has a profile."""
         if wp.static(kind.profiles):
             return bar.pieces != 0
         else:
@@ -48,7 +48,7 @@ def near_partner_functions(kind: BlockKind) -> NearPartnerFunctions:
 
     @wp.func
     def is_in_profile_box(shared: Shared, j: int, bar: Guide):
-        """1 where roller j is in the box about the chord of a guide with a profile, else 0."""
+        """1 where a block's roller j is in the box about a profiled guide's chord, else 0."""
         q = geometry.arm_from_body(shared, j, bar.body)
         if bar.body < body_count:  # the ground has not turned
             q = coarse_frame_vector(q, shared.poses[bar.body])
@@ -56,10 +56,7 @@ def near_partner_functions(kind: BlockKind) -> NearPartnerFunctions:
 
     @wp.func
     def partners_near_now(shared: Shared, mine: ThreadParts):
-        """Bits of the partners that the thread's rollers may touch: sprockets in whose band, guides on which they are.
-
-        Each partner is read once for all rollers.
-        """
+        """Partners, as bits, near the thread's rollers now: sprockets by their bands, guides by their boxes."""
         found = of_each()
         s = int(0)  # loops that Warp does not unroll, or many partners would take minutes to compile
         while s < sprockets:
@@ -90,7 +87,7 @@ def near_partner_functions(kind: BlockKind) -> NearPartnerFunctions:
 
     @wp.func
     def remembered_partners(state: State, shared: Shared, mine: ThreadParts):
-        """The partners that the thread's rollers are near, as the state remembers it."""
+        """Partners, as bits, near the thread's rollers by the contact memory of the state."""
         held = partner_bits.Bits()
         for k in range(rollers_per_thread):
             j = k * threads + mine.thread
@@ -107,7 +104,7 @@ def near_partner_functions(kind: BlockKind) -> NearPartnerFunctions:
 
     @wp.func
     def forget_partners(state: State, shared: Shared, mine: ThreadParts, left: partner_bits.Bits):
-        """Forgets seats and v0 of the partners `left`, which the thread's rollers are no longer near."""
+        """Resets the contact memories of the partners `left`, no longer near the thread's rollers."""
         while partner_bits.has_any(left):
             j, p = partner_bits.first_pair(left, mine.thread)
             left = partner_bits.without_first_pair(left)
@@ -121,9 +118,9 @@ def near_partner_functions(kind: BlockKind) -> NearPartnerFunctions:
 
     @wp.func
     def update_near_partners(state: State, shared: Shared, mine: ThreadParts, now: Now, held: partner_bits.Bits):
-        """The partners that the thread's rollers are near now; `held` are those at the step before.
+        """Partners, as bits, near the thread's rollers, from `held` of the step before.
 
-        Guide-bars are let go of at a step's start only.
+        Guide-bars leave at a step's start only.
         """
         partners_near = partners_near_now(shared, mine)
         found = partner_bits.Bits()

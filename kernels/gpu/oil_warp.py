@@ -1,4 +1,4 @@
-"""A warp of a block that has the oil of all its variants, and how they wait for each other."""
+"""The oil warp of a block, which advances the oil of all its variants, and requests to it."""
 
 from dataclasses import dataclass
 from functools import cache
@@ -9,14 +9,14 @@ from ..native import code_by_device
 from .block_kinds import BlockKind
 
 DONE = wp.constant(0)
-"""Requests of a stroke to the warp that has the oil: none,"""
+"""Requests of a stroke to the oil warp: none,"""
 STEP = wp.constant(1)  # a step,
 METERED = wp.constant(2)  # one whose energies are wanted,
 OVER = wp.constant(-1)  # and no more of them in this launch
 
 
 NOWHERE = wp.constant(1 << 30)
-"""A place in a block that is of no variant, and of no launch."""
+"""Place in a block of a thread without a variant or launch."""
 
 
 ASKED = "*(volatile int*)&strokes.data[k].asked"
@@ -39,7 +39,7 @@ AWAIT = code_by_device(
 
 @dataclass(frozen=True)
 class OilWarpFunctions:
-    """Requests of variants to the warp that has their oil."""
+    """Oil warp functions of a block."""
 
     place_in_launch: wp.Function
     set_request: wp.Function
@@ -51,15 +51,13 @@ class OilWarpFunctions:
 
 @cache
 def oil_warp_functions(kind: BlockKind) -> OilWarpFunctions:
-    """The functions by which the variants of a block and the warp that has their oil wait for each other."""
+    """Oil warp functions of block kernels."""
     kinds, variants, tensioners = kind.types, kind.shape.variants_per_block, kind.parts.tensioners
     Shared, Stroke = kinds.Shared, kinds.Stroke
 
     @wp.func
     def place_in_launch(tid: int):
-        """The number of a thread's variant in its launch, its own number there, and of the oil's warp the number of
-        the tensioner whose oil it has, else -1.
-        """
+        """Number of a thread's variant in its launch, of the thread in it, and of the oil warp's tensioner, else -1."""
         block = tid // wp.static(kind.block_threads)
         at = tid - block * wp.static(kind.block_threads)
         place = at // wp.static(kind.shape.threads)
@@ -75,23 +73,23 @@ def oil_warp_functions(kind: BlockKind) -> OilWarpFunctions:
 
     @wp.func_native(REQUEST)
     def set_request(strokes: wp.array[Stroke], k: int, what: int):
-        """Sets the request of a stroke, once all that was written before is there for others."""
+        """Sets a stroke's request to the oil warp, after all earlier writes are visible."""
 
     @wp.func_native(REQUESTED)
     def request_of(strokes: wp.array[Stroke], k: int) -> int:
-        """The request that a stroke has; on fibers the others go on meanwhile."""
+        """Request of a stroke to the oil warp; fibers yield meanwhile."""
 
     @wp.func_native(AWAIT.replace("COUNT", str(tensioners)))
     def await_oil(strokes: wp.array[Stroke]):
-        """Waits until the oil of all of a variant's tensioners has been taken along; all its threads together."""
+        """Waits until the oil warp has advanced all of a variant's tensioners; all threads together."""
 
     @wp.func_native(code_by_device("", LEAVE.replace("COUNT", str(kind.block_threads))))
     def end_thread():
-        """Ends a thread of the block; fibers, whose barriers do not bear that one ends before others, end together."""
+        """Ends a thread of the oil warp or without a variant; fibers end together, for their barriers."""
 
     @wp.func
     def request_oil_step(shared: Shared, k: int, x: kinds.Number, rate: kinds.Real, metered: bool):
-        """Asks the oil's warp to take the oil of the variant's tensioner k a step on."""
+        """Requests a step of the oil of tensioner k from the oil warp."""
         shared.strokes[k].x = x
         shared.strokes[k].rate = rate
         set_request(shared.strokes, k, wp.where(metered, METERED, STEP))

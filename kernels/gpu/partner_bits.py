@@ -13,7 +13,7 @@ from .sync import lowest_bit
 
 @dataclass(frozen=True)
 class PartnerBitFunctions:
-    """Bits of the partners of a thread's rollers."""
+    """Partner bit functions of a block."""
 
     Bits: Any
     with_roller: wp.Function
@@ -26,7 +26,7 @@ class PartnerBitFunctions:
 
 @cache
 def partner_bit_functions(kind: BlockKind) -> PartnerBitFunctions:
-    """The functions that set and go through the bits of a thread's rollers."""
+    """Partner bit functions of block kernels."""
     threads, rollers_per_thread, sprockets = kind.shape.threads, kind.shape.rollers_per_thread, kind.parts.sprockets
     partners = sprockets + kind.parts.guides
     slots = BITS // partners
@@ -38,13 +38,13 @@ def partner_bit_functions(kind: BlockKind) -> PartnerBitFunctions:
 
     @wp.func
     def with_roller(bits: Bits, k: int, near: int):
-        """`bits` with those of the thread's roller k, which has none yet: the partners that it is near."""
+        """Partner bits with those, `near`, of the thread's roller k, which has none yet."""
         bits[k // slots] = bits[k // slots] | (near << (k % slots * partners))
         return bits
 
     @wp.func
     def has_any(bits: Bits):
-        """Whether any bit is set."""
+        """Whether any partner bit of a thread is set."""
         found = int(0)
         for q in range(word_count):
             found = found | bits[q]
@@ -52,17 +52,17 @@ def partner_bit_functions(kind: BlockKind) -> PartnerBitFunctions:
 
     @wp.func
     def of_sprockets(bits: Bits):
-        """The bits of sprockets."""
+        """A thread's partner bits of sprockets alone."""
         return bits & Bits(OF_SPROCKETS)
 
     @wp.func
     def of_guides(bits: Bits):
-        """The bits of guides."""
+        """A thread's partner bits of guides alone."""
         return bits & Bits(OF_GUIDES)
 
     @wp.func
     def first_word(bits: Bits):
-        """The first number that has bits set, where any has."""
+        """Index of a thread's first number with partner bits set; some is set."""
         q = int(last_word)
         for back in range(1, word_count):
             if bits[last_word - back] != 0:
@@ -71,7 +71,7 @@ def partner_bit_functions(kind: BlockKind) -> PartnerBitFunctions:
 
     @wp.func
     def first_pair(bits: Bits, i: int):
-        """The first roller of thread i that has a bit set, and the first of its partners; some is set."""
+        """First roller of thread i with a partner bit set, and its first partner; some bit is set."""
         if wp.static(rollers_per_thread == 1):
             return i, lowest_bit(bits[0])
         else:
@@ -85,7 +85,7 @@ def partner_bit_functions(kind: BlockKind) -> PartnerBitFunctions:
 
     @wp.func
     def without_first_pair(bits: Bits):
-        """`bits` without that of `first_pair`."""
+        """A thread's partner bits without that of `first_pair`."""
         q = first_word(bits)
         for other in range(word_count):
             if q == other:

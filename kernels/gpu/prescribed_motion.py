@@ -1,4 +1,4 @@
-"""Instants of a block's steps; prescribed angles and speeds of its bodies, worked out for some steps ahead."""
+"""Prescribed angles and speeds of a block's bodies, computed for some steps ahead, and the instants of steps."""
 
 from dataclasses import dataclass
 from functools import cache
@@ -15,13 +15,13 @@ from .sync import warp_lanes
 
 @wp.func
 def plan_index(course: int, step: int):
-    """Where the prescribed angle and speed of a body at `step` lie, by its `prescribed_index`."""
+    """Index of a block's body's prescribed angle and speed at `step`, by its `prescribed_index`."""
     return course * PLANNED_STEPS + step % PLANNED_STEPS
 
 
 @dataclass(frozen=True)
 class PrescribedMotionFunctions:
-    """Prescribed angles and speeds of one variant's bodies."""
+    """Prescribed motion functions of a block."""
 
     is_prescribed: wp.Function
     prescribed_index: wp.Function
@@ -34,19 +34,19 @@ class PrescribedMotionFunctions:
 
 @cache
 def prescribed_motion_functions(kind: BlockKind) -> PrescribedMotionFunctions:
-    """The functions that work out prescribed angles and speeds of bodies for some steps ahead."""
+    """Prescribed motion functions of block kernels."""
     threads, rotors = kind.shape.threads, kind.parts.rotors
     Real, kinds, Now = kind.Real, kind.types, kind.types.Now
     Ensemble, Shared = kinds.Ensemble, kinds.Shared
 
     @wp.func
     def is_prescribed(shared: Shared, b: int):
-        """Whether the angle of body b is prescribed."""
+        """Whether the angle of a block's body b is prescribed."""
         return shared.motions[b].prescribed == 1
 
     @wp.func
     def prescribed_index(shared: Shared, b: int):
-        """The place of body b among those whose angle is prescribed; of any other body a place that there is."""
+        """Index of a block's body b among those of prescribed angle; a valid one for any other body."""
         place = int(0)
         for other in range(rotors):
             if other < b and is_prescribed(shared, other):
@@ -55,7 +55,7 @@ def prescribed_motion_functions(kind: BlockKind) -> PrescribedMotionFunctions:
 
     @wp.func
     def angle_and_speed(ensemble: Ensemble, shared: Shared, mine: ThreadParts, b: int, step: int):
-        """Prescribed angle [rad] and speed [rad/s] of body b at a step."""
+        """Prescribed angle [rad] and speed [rad/s] of a block's body b at a step."""
         motion = shared.motions[b]
         if wp.static(not kind.parts.tabulated):
             motion.drive_table.cells = 0  # so that the compiler knows
@@ -63,7 +63,7 @@ def prescribed_motion_functions(kind: BlockKind) -> PrescribedMotionFunctions:
 
     @wp.func
     def exact_time_step(mine: ThreadParts):
-        """The time step [s], at float32 a pair."""
+        """Time step [s] of a block's thread, a pair at float32."""
         if wp.static(kind.is_paired):
             return mine.step_pair
         else:
@@ -71,17 +71,17 @@ def prescribed_motion_functions(kind: BlockKind) -> PrescribedMotionFunctions:
 
     @wp.func
     def step_time(mine: ThreadParts, now: Now):
-        """The instant of a step [s]."""
+        """Time [s] of a block's step, exact."""
         return exact_multiple(now.step, exact_time_step(mine))
 
     @wp.func
     def rounded_step_time(mine: ThreadParts, now: Now):
-        """The instant of a step [s], rounded: without the work that it takes exactly."""
+        """Time [s] of a block's step, rounded."""
         return Real(now.step) * leading_value(exact_time_step(mine))
 
     @wp.func
     def plan_steps(ensemble: Ensemble, shared: Shared, mine: ThreadParts, step: int):
-        """Works out prescribed angles and speeds of the next `PLANNED_STEPS` steps, a step a thread."""
+        """Shares prescribed angles and speeds of the next `PLANNED_STEPS` steps, a step a thread."""
         i = mine.thread
         b = i // warp_lanes()
         while b < rotors:

@@ -28,7 +28,7 @@ from .wrench_parts import wrench_part_functions
 
 @cache
 def block_relax_kernel(kind: BlockKind, blocks: int) -> wp.Kernel:
-    """The kernel that settles drives of a kind, in float64; the sprockets are held."""
+    """Block kernel, in float64, that settles drives of a kind by relaxation, the sprockets held."""
     Real, threads, rollers_per_thread = kind.Real, kind.shape.threads, kind.shape.rollers_per_thread
     sprockets, rotors, body_count = kind.parts.sprockets, kind.parts.rotors, kind.parts.bodies
     kinds, Now = kind.types, kind.types.Now
@@ -51,7 +51,7 @@ def block_relax_kernel(kind: BlockKind, blocks: int) -> wp.Kernel:
 
     @wp.func
     def begin_settling(ensemble: Ensemble, state: State, shared: Shared, variant: int, i: int):
-        """The parts of thread i; shares the chain and the bodies, the sprockets at rest."""
+        """Parts of thread i; shares the chain and bodies to settle, the sprockets at rest."""
         drive = ensemble.drives[variant]
         mine = thread_parts(drive, variant, i, wrench_parts.thread_body(i))
         mine.sprocket = -1  # all sprockets are held
@@ -72,14 +72,14 @@ def block_relax_kernel(kind: BlockKind, blocks: int) -> wp.Kernel:
 
     @wp.func
     def turn_arm(shared: Shared, mine: ThreadParts, angular: wp.float64, kick: wp.float64, h: wp.float64):
-        """Takes the thread's arm a step on."""
+        """Moves the thread's arm by a relaxation step."""
         pose = shared.poses[mine.body]
         arm = relax_arm(body_states.body_from_pose(pose), angular, kick, h)
         geometry.put_pose(shared, mine.body, aligned_pose(pose_with_coordinates(pose, arm)))
 
     @wp.func
     def arm_acceleration(ensemble: Ensemble, state: State, shared: Shared, mine: ThreadParts, wrench: kinds.Wrench):
-        """Angular acceleration of the thread's arm [rad/s^2]."""
+        """Angular acceleration [rad/s^2] of the thread's arm in relaxation."""
         pose = shared.poses[mine.body]
         if wp.static(kind.parts.tensioners):
             wrench = tensioners.add_tensioner_forces(ensemble, state, mine, 0, pose, wrench)
@@ -96,7 +96,7 @@ def block_relax_kernel(kind: BlockKind, blocks: int) -> wp.Kernel:
     def energy_and_residual(
         ensemble: Ensemble, shared: Shared, mine: ThreadParts, tension: of_each, angular: wp.float64
     ):
-        """Kinetic energy [J] and residual of chain and arms; all threads together."""
+        """Kinetic energy [J] and residual of chain and arms in relaxation; all threads together."""
         chain = shared.chains[0]
         i = mine.thread
         square = wp.float64(0.0)
@@ -132,7 +132,7 @@ def block_relax_kernel(kind: BlockKind, blocks: int) -> wp.Kernel:
 
     @wp.func
     def kick_and_drift(shared: Shared, i: int, kick: Real, h: Real):
-        """Sets v += kick a, then x += h v, of the thread's rollers."""
+        """Moves the thread's rollers by a relaxation step: v += kick a, then x += h v."""
         for k in range(rollers_per_thread):
             j = k * threads + i
             v = sum_with_multiple(rollers.velocity(shared.rows, j), kick, rollers.acceleration(shared, j))
@@ -153,7 +153,7 @@ def block_relax_kernel(kind: BlockKind, blocks: int) -> wp.Kernel:
         order: wp.array[wp.int32],
         steps: int,
     ):
-        """Variants `order[b]`, one a block of threads: up to `steps` steps of relaxation."""
+        """Settles variants `order[b]`, a block each, by up to `steps` steps of relaxation."""
         number = wp.tid() // threads
         i = wp.tid() % threads
         shared = shared_of(state, number)

@@ -1,4 +1,4 @@
-"""The rows of one variant's rollers that a block's threads share: read, moved, taken in and put back."""
+"""Shared rows of a block's rollers: read, moved, fetched and put back."""
 
 from dataclasses import dataclass
 from functools import cache
@@ -17,7 +17,7 @@ from .shared_memory import block_memory, mass_rows, roller_rows
 
 @dataclass(frozen=True)
 class RollerFunctions:
-    """Shared rows of one variant's rollers, and what is done on them."""
+    """Roller functions of a block."""
 
     position: wp.Function
     exact_position: wp.Function
@@ -35,7 +35,7 @@ class RollerFunctions:
 
 @cache
 def roller_functions(kind: BlockKind) -> RollerFunctions:
-    """The functions that read and write the shared rows of one variant's rollers."""
+    """Roller functions of block kernels."""
     Real, threads, slots, integrator = kind.Real, kind.shape.threads, kind.shape.slots, kind.integrator
     kinds = kind.types
     State, Shared = kinds.State, kinds.Shared
@@ -47,12 +47,12 @@ def roller_functions(kind: BlockKind) -> RollerFunctions:
 
     @wp.func
     def position(rows: wp.array[Real], j: int):
-        """Position of roller j [m]."""
+        """Position [m] of roller j from a block's rows."""
         return vec2(access.load(rows, row.x + j), access.load(rows, row.y + j))
 
     @wp.func
     def exact_position(rows: wp.array[Real], j: int):
-        """Position of roller j [m], at float32 a vector of pairs."""
+        """Position [m] of roller j from a block's rows, a vector of pairs at float32."""
         high = position(rows, j)
         if wp.static(kind.is_paired):
             return pair_vector(high, vec2(access.load(rows, row.x_low + j), access.load(rows, row.y_low + j)))
@@ -61,7 +61,7 @@ def roller_functions(kind: BlockKind) -> RollerFunctions:
 
     @wp.func
     def time_step(mine: ThreadParts):
-        """The time step at the kernel's precision [s]."""
+        """Time step [s] at the block kernel's precision."""
         if wp.static(kind.is_paired):
             return mine.step_pair.high
         else:
@@ -69,7 +69,7 @@ def roller_functions(kind: BlockKind) -> RollerFunctions:
 
     @wp.func
     def stretch_part(now: kinds.Now):
-        """Part of a step over which friction's bristles are stretched now (`integrate.stretched_part`)."""
+        """Part of a block's step that stretches friction's bristles at this stage (`integrate.stretched_part`)."""
         if wp.static(kind.has_stages):
             return stretched_part(integrator, now.stage, Real(1.0))
         else:
@@ -77,35 +77,35 @@ def roller_functions(kind: BlockKind) -> RollerFunctions:
 
     @wp.func
     def velocity(rows: wp.array[Real], j: int):
-        """Velocity of roller j [m/s]."""
+        """Velocity [m/s] of roller j from a block's rows."""
         return vec2(access.load(rows, row.vx + j), access.load(rows, row.vy + j))
 
     @wp.func
     def force(shared: Shared, j: int):
-        """The force on roller j [N], as far as it is added up."""
+        """Force [N] on roller j, as far as added up in a block's rows."""
         return vec2(access.load(shared.rows, row.force_x + j), access.load(shared.rows, row.force_y + j))
 
     @wp.func
     def set_force(shared: Shared, j: int, force: vec2):
-        """Sets the force on roller j [N]: of the link after it, then of both its links, then of its contacts too."""
+        """Sets the force [N] on roller j in a block's rows."""
         access.store(shared.rows, row.force_x + j, force[0])
         access.store(shared.rows, row.force_y + j, force[1])
 
     @wp.func
     def acceleration(shared: Shared, j: int):
-        """Acceleration of roller j [m/s^2], from its force and gravity."""
+        """Acceleration [m/s^2] of roller j by its force in a block's rows and gravity."""
         chain = chains.chain_at(shared, j)
         return roller_acceleration(force(shared, j), chain.inverse_mass, chain.gravity)
 
     @wp.func
     def set_velocity(shared: Shared, j: int, v: vec2):
-        """Sets the velocity of roller j [m/s]."""
+        """Sets the velocity [m/s] of roller j in a block's rows."""
         access.store(shared.rows, row.vx + j, v[0])
         access.store(shared.rows, row.vy + j, v[1])
 
     @wp.func
     def move(shared: Shared, j: int, h: Real, v: vec2):
-        """Moves roller j over a time `h` [s] at `v` [m/s]; what float32 rounds off goes to the low parts."""
+        """Moves roller j in a block's rows over a time `h` [s] at `v` [m/s], float32's rounding kept in low parts."""
         rows = shared.rows
         x = access.load(rows, row.x + j)
         y = access.load(rows, row.y + j)
@@ -122,7 +122,7 @@ def roller_functions(kind: BlockKind) -> RollerFunctions:
 
     @wp.func
     def fetch(state: State, shared: Shared, mine: ThreadParts):
-        """Brings the thread's rollers from the state into the shared rows, and sets its parts of wrenches to zero."""
+        """Fetches the thread's rollers from the state into the block's rows, and clears its wrench parts."""
         j = int(mine.thread)
         while j < slots:
             first, n = chains.chain_span(shared, j, mine.rollers)
@@ -177,12 +177,12 @@ def roller_functions(kind: BlockKind) -> RollerFunctions:
 
 
 STAGE_ROWS = 10
-"""What stages keep of each roller in global memory: x, y, vx, vy and low parts of x, y at the step's start, sums."""
+"""Values of a block's roller kept between stages: x, y, vx, vy and low parts of x, y at the step's start, sums."""
 
 
 @cache
 def roller_stage_function(kind: BlockKind) -> wp.Function:
-    """The function that takes a roller from stage to stage."""
+    """Function of block kernels that moves a roller from stage to stage."""
     Real, integrator = kind.Real, kind.integrator
     kinds, Now = kind.types, kind.types.Now
     vec2 = kinds.vec2
@@ -192,7 +192,7 @@ def roller_stage_function(kind: BlockKind) -> wp.Function:
 
     @wp.func
     def stage_roller(state: kinds.State, shared: kinds.Shared, mine: ThreadParts, now: Now, j: int):
-        """Takes roller j to where the next stage evaluates it; the last stage ends the step."""
+        """Moves roller j of a block to its next stage; the last stage ends the step."""
         weight = stage_weight(integrator, now.stage, rollers.time_step(mine))
         reach = stage_reach(integrator, now.stage, rollers.time_step(mine))
         n = mine.rollers

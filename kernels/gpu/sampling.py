@@ -1,4 +1,4 @@
-"""Work of the block kernels' time loop at some steps only, and when it is due."""
+"""Sampling in the block kernel's time loop: work at some steps only, and when it is due."""
 
 from dataclasses import dataclass
 from functools import cache
@@ -28,7 +28,7 @@ from .sync import sync_functions
 
 @dataclass(frozen=True)
 class SamplingFunctions:
-    """Work at some steps only: checks, samples, frames."""
+    """Sampling functions of a block: checks, samples, frames."""
 
     handle_event: wp.Function
     sample_links: wp.Function
@@ -37,7 +37,7 @@ class SamplingFunctions:
 
 @cache
 def sampling_functions(kind: BlockKind, frame: Any) -> SamplingFunctions:
-    """The functions of steps with an event; frames lie as `frame` says (`kernels.frames`)."""
+    """Sampling functions of block kernels, and frames of layout `frame`."""
     Real, threads, rollers_per_thread = kind.Real, kind.shape.threads, kind.shape.rollers_per_thread
     kinds, Now = kind.types, kind.types.Now
     Ensemble, State, Shared, Out = kinds.Ensemble, kinds.State, kinds.Shared, kinds.Out
@@ -57,7 +57,7 @@ def sampling_functions(kind: BlockKind, frame: Any) -> SamplingFunctions:
 
     @wp.func
     def sample_chain(ensemble: Ensemble, state: State, out: Out, shared: Shared, mine: ThreadParts, now: Now):
-        """Notes the sums that are due, brings the strands up to date, and samples the chain."""
+        """Notes due sums, updates the strands, and samples the block's chain."""
         if now.flags & START == 0:
             statistics.note_sums(ensemble, out, shared, mine, now.step)
         if mine.sprocket >= 0:
@@ -70,14 +70,14 @@ def sampling_functions(kind: BlockKind, frame: Any) -> SamplingFunctions:
 
     @wp.func
     def merge_tallies(tallies: Tallies, shared: Shared, mine: ThreadParts):
-        """Adds to the sums what the thread's links and its sprocket have gathered since the last merge."""
+        """Adds the tallies of the thread's links and sprocket since the last merge to the sums."""
         if mine.sprocket >= 0:
             shared.sprocket_sums[mine.sprocket] = gathered_sprocket_sums(shared.sprocket_sums[mine.sprocket])
         link_tallies.merge_tallies(tallies, shared, mine)
 
     @wp.func
     def has_left(shared: Shared, mine: ThreadParts):
-        """1 where a roller of the thread, or its body, is not finite or has left the drive's box."""
+        """1 where a roller of the thread, or its body, is not finite or out of the drive's box, else 0."""
         gone = int(0)
         j = int(mine.thread)
         while j < mine.rollers:
@@ -92,7 +92,7 @@ def sampling_functions(kind: BlockKind, frame: Any) -> SamplingFunctions:
 
     @inlined
     def handle_event(ensemble: Ensemble, state: State, out: Out, shared: Shared, mine: ThreadParts, now: Now):
-        """Does what is due at this step beside forces and motion; all threads together."""
+        """Handles the events of this step on a block; all threads together."""
         drive = ensemble.drives[mine.variant]
         now.flags = event_flags(drive, now.step)
         now.next_event = next_event(drive, now.step)
@@ -122,7 +122,7 @@ def sampling_functions(kind: BlockKind, frame: Any) -> SamplingFunctions:
         tension: of_each,
         rate: of_each,
     ):
-        """Adds what metrics want of the thread's links in this step; keeps what frames or ends want of them."""
+        """Adds the thread's links to metrics in this step, and keeps their values for frames or ends."""
         n = mine.rollers
         if wp.static(kind.measuring) and now.measures != 0:
             link_tallies.add_rates(shared, mine.thread, rate, now.weight)
@@ -153,7 +153,7 @@ def sampling_functions(kind: BlockKind, frame: Any) -> SamplingFunctions:
 
     @wp.func
     def sample_rollers(ensemble: Ensemble, state: State, out: Out, shared: Shared, mine: ThreadParts, now: Now):
-        """Writes the thread's rollers to the frame, and their energy to the tallies, where that is due."""
+        """Writes the thread's rollers to a due frame, and their energy to due tallies."""
         if wp.static(kind.friction.joints and frame.holds("joint_friction_power")):
             if now.flags & FRAME != 0:
                 find_joint_powers(ensemble, state, shared, mine, now)

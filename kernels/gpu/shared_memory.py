@@ -1,8 +1,7 @@
-"""Shared memory of a block: its arrays, how long each is, and where it lies.
+"""Shared memory of a block: its arrays, their lengths and places.
 
 A kernel declares up to `DECLARED` bytes; rows of longer chains lie in what each launch asks for, else in global memory.
-Blocks of several variants ask for all of theirs, one variant's after the other's. On the CPU the arrays are static.
-Between two barriers a thread touches nothing that another one reads.
+Blocks of several variants ask for all of theirs. Between two barriers a thread touches nothing that another one reads.
 """
 
 from collections.abc import Mapping
@@ -17,28 +16,28 @@ from .block_kinds import DECLARED, WARP, BlockKind
 from .sync import sync_functions
 
 PLANNED_STEPS = 32
-"""Steps that prescribed motion is worked out for at a time, one a thread of a warp."""
+"""Number of steps for which a block computes prescribed motion at once."""
 
 
 LONGEST_IN_ORDER = 512
-"""Rollers of the longest chain whose moments are added up in the rollers' order, whatever the block's shape."""
+"""Rollers of the longest chain whose moments a block adds up in the rollers' order, whatever its shape."""
 
 
 BYTES_PER_THREAD = 4
-"""Bytes that Warp takes of what a launch asks for, for each thread of a block."""
+"""Bytes of shared memory that Warp takes of a launch for each thread of a block."""
 
 
 STRAND_WORD = 32
-"""Bits of the numbers that say on which strands links are."""
+"""Bits of a whole number of `strand_words`."""
 
 
 ALIGNED = 16
-"""Bytes of which each array's place is a multiple."""
+"""Alignment of arrays in a block's shared memory [bytes]."""
 
 
 @dataclass(frozen=True)
 class RollerRows:
-    """First index of each row of rollers that threads share, in their order."""
+    """First index of each row of rollers in a block's shared memory."""
 
     x: int  # position [m]
     y: int
@@ -52,7 +51,7 @@ class RollerRows:
 
 @cache
 def roller_rows(kind: BlockKind) -> RollerRows:
-    """The rows of a block."""
+    """First index of each row of rollers in the shared memory of a block kind."""
     firsts = {field.name: k * kind.shape.slots for k, field in enumerate(fields(RollerRows))}
     return type("RollerRows", (), firsts)  # as Warp reads constants from attributes of a class, not of an object
 
@@ -63,7 +62,7 @@ FORCE_ROWS = 6
 
 @dataclass(frozen=True)
 class ForceRows:
-    """First index of each row of forces of teeth on a silent chain's pins, after all others."""
+    """First index of each shared row of forces of teeth on a silent chain's pins, after all other rows."""
 
     near_x: int  # at the pin itself [N]
     near_y: int
@@ -75,65 +74,59 @@ class ForceRows:
 
 @cache
 def force_rows(kind: BlockKind) -> ForceRows:
-    """The rows of forces of teeth on pins of a block with silent chains."""
+    """First index of each shared row of forces of teeth on a silent chain's pins, in block kernels."""
     before = shared_rows(kind.Real) + joint_rows(kind) + mass_rows(kind)
     firsts = {field.name: (before + k) * kind.shape.slots for k, field in enumerate(fields(ForceRows))}
     return type("ForceRows", (), firsts)
 
 
 def shared_rows(Real: type) -> int:
-    """Rows of rollers that threads share: x, y, vx, vy, force (x, y), at float32 the low parts of x, y.
-
-    With metrics there are more where joints rub (`joint_rows`).
-    """
+    """Number of a block's rows of rollers: x, y, vx, vy, force (x, y), at float32 low parts of x, y."""
     return 8 if Real == wp.float32 else 6
 
 
 def joint_rows(kind: BlockKind) -> int:
-    """Rows for metrics of the joints' friction, beside `shared_rows` (`joints`)."""
+    """Number of a block's rows for metrics of joint friction, beside `shared_rows`."""
     if not kind.friction.joints or not kind.measuring:
         return 0
     return 1 if kind.Real == wp.float64 else 2
 
 
 def mass_rows(kind: BlockKind) -> int:
-    """Rows of rollers' own relative masses, after all others: of links that vary (`chains.relative_mass`)."""
+    """Number of a block's rows for rollers' own relative masses, after all others: of links that vary."""
     return int(kind.links == "varied")
 
 
 def extreme_values(kind: BlockKind) -> int:
-    """Values of the extremes of tension that each warp keeps: lowest and highest of the strands and of links on none
-    of each chain, and what threads without a link are held against.
-    """
+    """Number of extremes of tension that each warp keeps: of strands, of links on none, of threads without links."""
     return 2 * (kind.parts.sprockets + kind.parts.chains + 1)
 
 
 def strand_bits(kind: BlockKind) -> int:
-    """Bits of the strand that a link is on: a sprocket's, none of a chain, or no such link."""
+    """Number of bits for the strand of a block's link: a sprocket's, none of a chain, or no such link."""
     return (kind.parts.sprockets + kind.parts.chains).bit_length()
 
 
 def strand_words(kind: BlockKind) -> int:
-    """Whole numbers that hold `strand_bits` of each link of a thread."""
+    """Number of whole numbers that hold `strand_bits` of each link of a thread."""
     return -(-kind.shape.rollers_per_thread // (STRAND_WORD // strand_bits(kind)))
 
 
 def joint_work_values(kind: BlockKind) -> int:
-    """Values of the work of joints' friction, one a roller: their sum is the same on any number of threads."""
+    """Number of values of joint friction's work in a block: one a roller."""
     return (kind.friction.joints > 0) * kind.shape.slots
 
 
 def tally_places(kind: BlockKind) -> tuple[int, int, int]:
-    """Where, after the extremes, each link's squared rates and the joints' friction begin, and where they end."""
+    """Where a block's squared link rates and joint work begin, after the extremes, and their end."""
     first = kind.shape.threads // WARP * extreme_values(kind)
     return first, first + kind.shape.slots, first + kind.shape.slots + joint_work_values(kind)
 
 
 def parts_per_body(kind: BlockKind) -> int:
-    """Into how many parts the sum over all rollers of what acts on a body is taken apart.
+    """Number of parts of a block's sum of wrenches on a body: one a roller, or one a thread.
 
-    A roller has one, or a thread: on one warp, where that is the same order, which it is not where a roller may press
-    on a body in two ways, and where the rollers are many. What has no rollers has none.
+    By threads for many rollers, and on one warp unless a roller may press on a body twice.
     """
     twice = kind.parts.crowded_arms or kind.silent
     by_threads = kind.shape.slots > LONGEST_IN_ORDER or (kind.shape.is_one_warp and not twice)
@@ -141,12 +134,12 @@ def parts_per_body(kind: BlockKind) -> int:
 
 
 def part_rows(kind: BlockKind) -> int:
-    """Rows of parts: of the moment, and of the force in x and in y."""
+    """Number of a block's rows of wrench parts: of the moment, and of the force in x and in y."""
     return 3 if kind.moving or kind.measuring else 1
 
 
 def _small_arrays(kind: BlockKind) -> dict[str, int]:
-    """Values of each array but the rows of rollers, and of their parts in sums."""
+    """Number of values of each shared array but the rows of rollers and their parts."""
     sprockets, guides, chains, measuring = kind.parts.sprockets, kind.parts.guides, kind.parts.chains, kind.measuring
     several = chains > 1
     counts = {
@@ -183,13 +176,13 @@ def _small_arrays(kind: BlockKind) -> dict[str, int]:
 
 @dataclass(frozen=True)
 class BlockMemory:
-    """Sizes and places of the arrays that a block's threads share, by their names in `Shared`.
+    """Sizes and places of a block's arrays, by their names in `Shared`.
 
     Attributes:
-        wrench_parts, rows, link_sums: values of these; the others are never in global memory.
+        wrench_parts, rows, link_sums: values, maybe in global memory.
         shared: values of each array in shared memory.
-        places: where those lie that a launch asks for, after the beginning of their variant's [bytes].
-        asked: what a launch asks for of each variant [bytes].
+        places: of arrays of a launch, from the begin of their variant's [bytes].
+        asked: memory of a launch, of each variant [bytes].
     """
 
     wrench_parts: int
@@ -201,22 +194,22 @@ class BlockMemory:
 
     @property
     def part_values(self) -> int:
-        """Values of `parts` of a block in global memory."""
+        """Number of a block's wrench parts in global memory."""
         return self.wrench_parts * ("wrench_parts" not in self.shared)
 
     @property
     def values(self) -> int:
-        """Values of a block in global memory, at the kernel's precision."""
+        """Number of a block's values in global memory, at the kernel's precision."""
         return self.rows * ("rows" not in self.shared) + self.link_sums * ("link_sums" not in self.shared)
 
 
 def size_of(dtype: Any) -> int:
-    """Size of a value, a vector or a struct [bytes]."""
+    """Size of a value, a vector or a struct in shared memory [bytes]."""
     return int(wp.types.type_size_in_bytes(dtype))
 
 
 def block_memory(kind: BlockKind) -> BlockMemory:
-    """The memory that a block of a kind needs."""
+    """Sizes and places of the memory of a block kind."""
     fields = kind.types.Shared.vars
     parts = part_rows(kind) * kind.parts.bodies * parts_per_body(kind)
     rows = shared_rows(kind.Real) + joint_rows(kind) + mass_rows(kind) + kind.silent * FORCE_ROWS
@@ -224,7 +217,7 @@ def block_memory(kind: BlockKind) -> BlockMemory:
     seen = tally_places(kind)[-1] if kind.measuring else 0
 
     def needed(counts: Mapping[str, int]) -> int:
-        """Bytes of arrays of so many values, each aligned."""
+        """Bytes of shared arrays of so many values, each aligned."""
         bytes_ = (count * size_of(fields[name].type.dtype) for name, count in counts.items())
         return sum(-(-each // ALIGNED) * ALIGNED for each in bytes_)
 
@@ -250,28 +243,28 @@ def block_memory(kind: BlockKind) -> BlockMemory:
 
 
 def launch_bytes_per_block(kind: BlockKind) -> int:
-    """Bytes of each block of a launch: of what is asked for, and of strokes."""
+    """Bytes of shared memory that a launch asks for, for each block."""
     each = block_memory(kind).asked + kind.parts.tensioners * kind.has_oil_warp * size_of(kind.types.Stroke)
     return kind.shape.variants_per_block * each + BYTES_PER_THREAD * kind.block_threads
 
 
 VIEW_CODE = "assert(first >= 0 && first + count <= all.shape[0]); return {all.data + first, count};"
-"""Code of the view of `count` values of a global array from `first` on."""
+"""Native code of the view of `count` values of a global array from `first` on."""
 
 
 @cache
 def array_view(Real: type) -> wp.Function:
-    """The function that gives a part of a global array of `Real`."""
+    """Warp function of a view of a part of a global array of `Real`."""
 
     @wp.func_native(VIEW_CODE)
     def view(all: wp.array[Real], first: int, count: int) -> wp.array[Real]:
-        """`count` values from `first` on."""
+        """View of `count` values of a global array from `first` on."""
 
     return view
 
 
 def _array_function(kind: BlockKind, of: BlockMemory, name: str) -> wp.Function:
-    """The function that gives an array of the block's shared memory, or the variant's part; empty if none."""
+    """Warp function of an array of a block's shared memory, or its variant's part; empty if none."""
     dtype = kind.types.Shared.vars[name].type.dtype
 
     @wp.func_native(_array_code(kind, of, name, size_of(dtype)))
@@ -281,7 +274,7 @@ def _array_function(kind: BlockKind, of: BlockMemory, name: str) -> wp.Function:
 
 
 def _array_code(kind: BlockKind, of: BlockMemory, name: str, size: int) -> str:
-    """Code of the function that gives an array of values of `size` bytes."""
+    """Native code of an array of a block's shared memory, of values of `size` bytes."""
     if name not in of.shared:
         return "return {};"
     count, element, variants = of.shared[name], f"*like.{name}.data", kind.shape.variants_per_block
@@ -308,7 +301,7 @@ def _array_code(kind: BlockKind, of: BlockMemory, name: str, size: int) -> str:
 
 @cache
 def shared_arrays(kind: BlockKind) -> wp.Function:
-    """The function that gives the arrays which the threads of a block share of a variant."""
+    """Warp function of the arrays that a block's threads share of a variant."""
     sync = sync_functions(kind)
     kinds, of, variants = kind.types, block_memory(kind), kind.shape.variants_per_block
     Shared = kinds.Shared
@@ -318,7 +311,7 @@ def shared_arrays(kind: BlockKind) -> wp.Function:
 
     @wp.func
     def in_shared_memory(place: int):
-        """The arrays that lie in shared memory, of the variant at `place` of the block's."""
+        """Arrays in shared memory of the variant at `place` of the block."""
         shared = Shared()
         shared.rows = found.rows(shared, place)
         shared.link_sums = found.link_sums(shared, place)
@@ -354,10 +347,7 @@ def shared_arrays(kind: BlockKind) -> wp.Function:
 
     @wp.func
     def shared_arrays(state: kinds.State, number: int):
-        """The arrays that the threads share of the variant at place `number` of its launch.
-
-        Warp asks for memory at each launch: as much as a tile would take, which nothing else uses.
-        """
+        """Arrays that a block's threads share of the variant at place `number` of its launch."""
         if wp.static(of.asked > 0):
             wp.tile_zeros(
                 shape=wp.static(kind.shape.variants_per_block * of.asked // 8), dtype=wp.float64, storage="shared"

@@ -1,4 +1,4 @@
-"""Samples every `sample_interval` steps: tensions by size, mid-strand displacement, slips, notes of sums."""
+"""Samples of a block every `sample_interval` steps: tensions by size, mid-strand displacement, slips, notes of sums."""
 
 from dataclasses import dataclass
 from functools import cache
@@ -20,7 +20,7 @@ from .shared_memory import array_view
 
 @wp.func
 def strand_note(drive: Drive, tallies: Tallies, category: int):
-    """Tensions that links have seen on a strand so far, link by link in order, whatever the block's threads."""
+    """Note of a block's link tensions on a strand so far, added in the links' order."""
     note = Note()
     first = drive.first_tally + category * drive.rollers
     for at in range(first, first + drive.rollers):
@@ -31,7 +31,7 @@ def strand_note(drive: Drive, tallies: Tallies, category: int):
 
 @dataclass(frozen=True)
 class StatisticsFunctions:
-    """Samples of one variant's chains, and notes of its sums."""
+    """Statistics functions of a block."""
 
     sample_chain: wp.Function
     note_sums: wp.Function
@@ -39,7 +39,7 @@ class StatisticsFunctions:
 
 @cache
 def statistics_functions(kind: BlockKind) -> StatisticsFunctions:
-    """The functions that sample one variant's chains on a block."""
+    """Statistics functions of block kernels."""
     Real, threads = kind.Real, kind.shape.threads
     links = link_functions(kind)
     chains = chain_functions(kind)
@@ -51,7 +51,7 @@ def statistics_functions(kind: BlockKind) -> StatisticsFunctions:
 
     @wp.func
     def sample_chain(ensemble: Ensemble, state: kinds.State, out: Out, shared: Shared, mine: ThreadParts):
-        """Adds up and counts tensions of the thread's links, and follows its strand's middle and sprocket's slips."""
+        """Samples tensions of the thread's links, and its strand's middle and sprocket's slips."""
         n = mine.rollers
         lengths = lengths_of(ensemble.lengths, mine.first_roller, wp.static(kind.shape.slots))
         j = int(mine.thread)
@@ -79,10 +79,7 @@ def statistics_functions(kind: BlockKind) -> StatisticsFunctions:
 
     @wp.func
     def note_sums(ensemble: Ensemble, out: Out, shared: Shared, mine: ThreadParts, step: int):
-        """Notes the sums at the ends of batches; links on no strand are the chain's; `add_tallies` adds the rest.
-
-        All threads must be past the sample before.
-        """
+        """Notes a block's sums at the ends of batches; all threads must be past the last sample."""
         drive = ensemble.drives[mine.variant]
         first, end = notes_due(drive, step)
         if end > first:
@@ -111,7 +108,7 @@ def statistics_functions(kind: BlockKind) -> StatisticsFunctions:
 
 @wp.func
 def chain_note(sums: Any, drive: Drive, k: int, note: Note):
-    """Note k of a chain from that of its links on no strand, counted one by one, and those of its strands."""
+    """Note k of a block's chain from that of its links on no strand and those of its strands."""
     for s in range(drive.first_sprocket, drive.first_sprocket + drive.sprockets):
         note.tension = note.tension + sums.strand_notes[s * NOTES + k].tension
         note.links = note.links + sums.strand_notes[s * NOTES + k].links
@@ -121,7 +118,7 @@ def chain_note(sums: Any, drive: Drive, k: int, note: Note):
 
 @wp.func
 def contact_sums_of(tallies: Tallies, at: int):
-    """The sums of one roller's contacts with one partner."""
+    """Sums of one roller's contacts with one partner, from a block's tallies."""
     found = ContactSums()
     found.force_max = tallies.force_max[at]
     found.impacts = tallies.impacts[at]
@@ -135,12 +132,12 @@ def contact_sums_of(tallies: Tallies, at: int):
 
 @cache
 def tally_sum_kernel(Real: type) -> wp.Kernel:
-    """The kernel that adds each variant's tallies, of blocks of a precision, to its sums."""
+    """Kernel that adds each variant's block tallies of a precision to its sums."""
     kinds = types(Real, blocks=True)
 
     @wp.kernel(enable_backward=False, module=own_module(__file__, "tally_sum", Real))
     def add_tallies(drives: wp.array[Drive], tallies: Tallies, sums: kinds.Sums):
-        """Adds up one variant's tallies, roller by roller in order: a thread a variant."""
+        """Adds up a variant's block tallies, roller by roller in order: a thread a variant."""
         variant = wp.tid()
         drive = drives[variant]
         n = drive.rollers

@@ -33,7 +33,7 @@ from .wrench_parts import wrench_part_functions
 
 @dataclass(frozen=True)
 class StepFunctions:
-    """Steps of one variant's rollers and bodies from evaluated forces."""
+    """Step functions of a block."""
 
     add_contact_forces: wp.Function
     advance_oil: wp.Function
@@ -46,7 +46,7 @@ class StepFunctions:
 
 @cache
 def step_functions(kind: BlockKind, frame: Any) -> StepFunctions:
-    """The functions that move the rollers and bodies of one variant on a block, and sample them."""
+    """Step functions of block kernels, and frames of layout `frame`."""
     Real, threads, rollers_per_thread = kind.Real, kind.shape.threads, kind.shape.rollers_per_thread
     roller_threads = threads - WARP  # where the last warp has none
     kinds, Now, Out = kind.types, kind.types.Now, kind.types.Out
@@ -80,17 +80,14 @@ def step_functions(kind: BlockKind, frame: Any) -> StepFunctions:
         now: Now,
         near: partner_bits.Bits,
     ):
-        """Adds the contacts' forces, and shares the lifts of valves.
-
-        All threads together, once the links' forces are there.
-        """
+        """Adds contact forces after the links', and shares valves' lifts; all threads together."""
         if wp.static(kind.parts.valves):
             valves.share_lifts(ensemble, shared, mine)
         contact_forces.add_contact_forces(ensemble, state, out.tallies, shared, mine, now, near)
 
     @wp.func
     def advance_rollers(state: State, shared: Shared, mine: ThreadParts, now: Now):
-        """Takes the thread's rollers a step on, or a stage."""
+        """Moves the thread's rollers by a step or a stage."""
         if wp.static(kind.has_stages):
             j = int(mine.thread)
             while j < mine.rollers and now.goes_on != 0:
@@ -106,9 +103,9 @@ def step_functions(kind: BlockKind, frame: Any) -> StepFunctions:
 
     @wp.func
     def find_chain_wrench(state: State, shared: Shared, mine: ThreadParts, now: Now):
-        """The chain's moment and force on the thread's body, if it has one; all threads together.
+        """Chain's moment and force on the thread's body, if any; all threads together.
 
-        On one warp the rollers go on meanwhile, so that the threads do not wait for each other's sums.
+        On one warp this also moves the thread's rollers.
         """
         moment = wrench_parts.chain_moment(shared, mine.thread)
         if wp.static(kind.shape.is_one_warp):
@@ -126,9 +123,9 @@ def step_functions(kind: BlockKind, frame: Any) -> StepFunctions:
         acting: of_three,
         whole: kinds.Wrench,
     ):
-        """Takes the thread's body a step on, or a stage, and observes it.
+        """Moves the thread's body by a step or a stage, and adds it to sums and frames.
 
-        `acting` is the chain's moment and force on it, `whole` the wrench of chain, bearing and tensioners.
+        `acting` is the chain's moment and force, `whole` the wrench with bearing and tensioners.
         """
         before = shared.poses[mine.body]
         seen, whole = bodies.advance_body(ensemble, state, shared, mine, now, before, whole)
@@ -152,22 +149,22 @@ def step_functions(kind: BlockKind, frame: Any) -> StepFunctions:
 
     @wp.func
     def advance_oil(ensemble: Ensemble, state: State, shared: Shared, mine: ThreadParts, now: Now):
-        """Takes the oil of the thread's body along with its step of `now`."""
+        """Moves the tensioners of the thread's body on, after its step."""
         if wp.static(kind.parts.tensioners):
             if mine.body >= 0:
                 tensioners.advance_tensioners(ensemble, state, shared, mine, now)
 
     @wp.func
     def advance_oil_apart(ensemble: Ensemble, state: State, shared: Shared, mine: ThreadParts, now: Now):
-        """`advance_oil` on several warps, while other threads are at the next contacts."""
+        """Moves the tensioners of the thread's body on, on several warps only."""
         if wp.static(not kind.shape.is_one_warp):
             advance_oil(ensemble, state, shared, mine, now)
 
     @wp.func
     def advance_bodies(ensemble: Ensemble, state: State, out: Out, shared: Shared, mine: ThreadParts, now: Now):
-        """Takes the thread's body a step on, or a stage, and observes it; on one warp its rollers, too.
+        """Moves the thread's body by a step or a stage and observes it; on one warp its rollers, too.
 
-        All threads together work out what the chain does to it, while, on several warps, others move their rollers.
+        All threads together; on several warps others move their rollers meanwhile.
         """
         tensioners.await_oil(shared)
         if wp.static(kind.parts.hydraulic):
@@ -194,9 +191,9 @@ def step_functions(kind: BlockKind, frame: Any) -> StepFunctions:
 
     @wp.func
     def advance_rollers_after_contacts(state: State, shared: Shared, mine: ThreadParts, now: Now):
-        """Takes the thread's rollers a step on, once their contacts are done, and waits for the others' contacts.
+        """Moves the thread's rollers after their contacts, and waits for the other threads'.
 
-        Only a warp that moves the bodies does not wait for the others' rollers.
+        A warp that moves the bodies waits for contacts only.
         """
         if wp.static(kind.hands_over):
             if mine.thread < roller_threads:
@@ -211,13 +208,13 @@ def step_functions(kind: BlockKind, frame: Any) -> StepFunctions:
 
     @wp.func
     def find_load_ahead(ensemble: Ensemble, shared: Shared, mine: ThreadParts, now: Now):
-        """Works out the load on the thread's body."""
+        """Stores the load on the thread's body ahead of its step."""
         if mine.body >= 0 and now.stage == 0:
             loads.find_load_ahead(ensemble, shared, mine, now)
 
     @wp.func
     def sample_rollers(ensemble: Ensemble, state: State, out: Out, shared: Shared, mine: ThreadParts, now: Now):
-        """Samples the thread's rollers, whose forces are complete, where that is due."""
+        """Samples the thread's rollers where that is due, once their forces are complete."""
         if now.flags & EXTRA != 0 or (now.step == 0 and now.flags != 0):
             sampling.sample_rollers(ensemble, state, out, shared, mine, now)
         if wp.static(kind.measuring) and now.measures != 0:

@@ -1,4 +1,4 @@
-"""Goods on strands of one variant's chains on a block: what taking them on costs; masses are of `chains`."""
+"""Goods on strands of a block's chains: forces and work of taking them on."""
 
 from dataclasses import dataclass
 from functools import cache
@@ -16,7 +16,7 @@ from .sync import add_to_roller_tally
 
 @dataclass(frozen=True)
 class StrandLoadFunctions:
-    """Goods on strands, of kinds whose links vary."""
+    """Strand load functions of a block."""
 
     add_feed_forces: wp.Function
     add_goods_work: wp.Function
@@ -24,14 +24,14 @@ class StrandLoadFunctions:
 
 @cache
 def strand_load_functions(kind: BlockKind) -> StrandLoadFunctions:
-    """The functions of goods on strands."""
+    """Strand load functions of block kernels."""
     Real, threads, kinds = kind.Real, kind.shape.threads, kind.types
     Shared, Now = kinds.Shared, kinds.Now
     chains, rollers = chain_functions(kind), roller_functions(kind)
 
     @wp.func
     def add_feed_forces(shared: Shared, mine: ThreadParts):
-        """Adds the forces of taking goods on to those of the thread's rollers."""
+        """Adds the forces of goods that come on to those on the thread's rollers."""
         j = int(mine.thread)
         while j < mine.rollers:
             chain = shared.chains[chains.chain_number(shared, j)]
@@ -43,7 +43,7 @@ def strand_load_functions(kind: BlockKind) -> StrandLoadFunctions:
 
     @wp.func
     def add_goods_work(tallies: Tallies, shared: Shared, mine: ThreadParts, now: Now):
-        """Adds the work that goods bring to the thread's rollers in this step to their tallies."""
+        """Adds the work of goods on the thread's rollers in this step to their tallies."""
         j = int(mine.thread)
         while j < mine.rollers:
             chain = shared.chains[chains.chain_number(shared, j)]

@@ -14,7 +14,7 @@ from .shared_memory import STRAND_WORD, strand_bits, strand_words
 
 @dataclass(frozen=True)
 class StrandFunctions:
-    """Strands that the links of one variant are on."""
+    """Strand functions of a block."""
 
     find_strands: wp.Function
     stored_strand: wp.Function
@@ -22,7 +22,7 @@ class StrandFunctions:
 
 @cache
 def strand_functions(kind: BlockKind) -> StrandFunctions:
-    """The functions that find the strand that each link of one variant on a block is on."""
+    """Strand functions of block kernels."""
     threads, rollers_per_thread, sprockets = kind.shape.threads, kind.shape.rollers_per_thread, kind.parts.sprockets
     kinds = kind.types
     Shared = kinds.Shared
@@ -33,9 +33,7 @@ def strand_functions(kind: BlockKind) -> StrandFunctions:
 
     @wp.func
     def strand_of_link(shared: Shared, strands: wp.array[Strand], first: int, j: int, n: int):
-        """Strand that link j is on; S where it is on none, or S + r of chain r, and beyond these where there is no such
-        link. `first` is strand 0.
-        """
+        """Strand of a block's link j, `first` being strand 0; S + r for none of chain r, the largest for no link."""
         found = int(sprockets + chains.chain_number(shared, j))
         begin, count = chains.chain_span(shared, j, n)
         for s in range(sprockets):
@@ -52,7 +50,7 @@ def strand_functions(kind: BlockKind) -> StrandFunctions:
 
     @wp.func
     def find_strands(ensemble: kinds.Ensemble, state: kinds.State, shared: Shared, mine: ThreadParts):
-        """Brings up to date which strands the thread's links are on."""
+        """Stores the strands of the thread's links."""
         first = ensemble.drives[mine.variant].first_sprocket
         k = int(0)
         for q in range(wp.static(strand_words(kind))):
@@ -67,7 +65,7 @@ def strand_functions(kind: BlockKind) -> StrandFunctions:
 
     @wp.func
     def stored_strand(shared: Shared, i: int, k: int):
-        """The strand that thread i's link k is on, as `strand_of_link` found it."""
+        """Strand of thread i's link k, stored from `strand_of_link`."""
         word = shared.strand_words[k // together * threads + i]
         shift = wp.uint32(k % together * bits)
         return int((word >> shift) & wp.uint32(wp.static((1 << bits) - 1)))

@@ -1,6 +1,6 @@
 """Barriers, sums and atomic additions of a block's threads, as native code.
 
-On the CPU a block's threads are cooperative fibers of one thread, a warp is one thread, and blocks follow each other.
+On the CPU a block's threads are cooperative fibers of one thread, and a warp is one thread.
 """
 
 from dataclasses import dataclass
@@ -66,22 +66,22 @@ BARRIER = "WP_TILE_SYNC();"
 
 
 WARP_BARRIER = code_by_device("__syncwarp();", BARRIER)
-"""The barrier of a block of one warp."""
+"""Native code of the barrier of a block of one warp."""
 
 
 def _named_barrier(what: str, number: int, threads: int, elsewhere: str = "") -> str:
-    """Code of a warp at a barrier of `threads` threads, by its number, which is not that of all threads."""
+    """Native code of a warp at barrier `number` of `threads` threads."""
     return code_by_device(f'__syncwarp(); asm volatile("bar.{what} {number}, {threads};" ::: "memory");', elsewhere)
 
 
 @wp.func_native(code_by_device("return 32;", "return 1;"))
 def warp_lanes() -> int:
-    """Threads of a warp."""
+    """Number of threads of a warp: 1 on the CPU."""
 
 
 @wp.func
 def group_lanes() -> int:
-    """Threads of a group, which adds up what acts on one sprocket: a quarter of a warp."""
+    """Number of threads of a group, a quarter of a warp, which adds up what acts on a body."""
     return (warp_lanes() + 3) // 4
 
 
@@ -95,11 +95,11 @@ def group_lanes() -> int:
 #endif
 """)
 def lowest_bit(mask: int) -> int:
-    """Position of the lowest bit set in `mask`, which is not zero."""
+    """Position of the lowest bit set in a block's `mask`, which is not zero."""
 
 
 def _addition(of: str, letter: str) -> str:
-    """Code that adds `value` in global memory; of a generic address the compiler would loop."""
+    """Native code of an atomic addition of `value` in global memory."""
     place = "__cvta_generic_to_global(sums.data + at)"
     red = f'asm volatile("red.global.add.{of} [%0], %1;" :: "l"({place}), "{letter}"(value));'
     return code_by_device(red, "sums.data[at] += value;")
@@ -107,12 +107,12 @@ def _addition(of: str, letter: str) -> str:
 
 @wp.func_native(_addition("f64", "d"))
 def add_to_element(sums: wp.array[wp.float64], at: int, value: wp.float64):
-    """Adds `value` to what stands at `at` in global memory, and does not wait for it."""
+    """Adds `value` atomically to element `at` in a GPU's global memory, without waiting."""
 
 
 @wp.func_native(_addition("u32", "r"))
 def add_to_element(sums: wp.array[wp.int32], at: int, value: int):
-    """Adds `value` to a count at `at` in global memory, and does not wait for it."""
+    """Adds `value` atomically to a count, element `at` in a GPU's global memory, without waiting."""
 
 
 @wp.func_native("""
@@ -124,10 +124,7 @@ def add_to_element(sums: wp.array[wp.int32], at: int, value: int):
 #endif
 """)
 def raise_element(values: wp.array[wp.float64], at: int, value: wp.float64):
-    """Raises what stands at `at` in global memory, not negative, to `value`, without waiting.
-
-    As whole numbers, bits of positive numbers have their order.
-    """
+    """Raises element `at` in a GPU's global memory, not negative, to `value`, without waiting."""
 
 
 @wp.func_native("""
@@ -139,11 +136,11 @@ def raise_element(values: wp.array[wp.float64], at: int, value: wp.float64):
 #endif
 """)
 def float64_from_float32(value: wp.float32) -> wp.float64:
-    """A float32 as float64 without an instruction of float64, those below 1e-38 as something as small."""
+    """Float32 as float64, without a GPU's instructions of float64; inexact below 1e-38."""
 
 
 def _field_additions(**types_of: str) -> str:
-    """Code that adds the fields of a struct `more` to those of `tallies` at `at`, and does not wait for them."""
+    """Native code of additions of the fields of a struct `more` to `tallies` at `at`, without waiting."""
     address = "__cvta_generic_to_global(&tallies.data[at].{0})"
     letters = {"f64": "d", "u64": "l"}
     red = """    asm volatile("red.global.add.{1} [%0], %1;" :: "l"({2}), "{3}"(more.{0}));"""
@@ -154,22 +151,22 @@ def _field_additions(**types_of: str) -> str:
 
 @wp.func_native(_field_additions(samples="u64", tension="f64", tension_square="f64"))
 def add_to_link_tally(tallies: wp.array[LinkTally], at: int, more: LinkTally):
-    """Adds `more` to a link's tally; no other thread does."""
+    """Adds `more` to a link's tally, of which no other thread writes."""
 
 
 @wp.func_native(_field_additions(dissipated="f64", friction="f64", goods_work="f64"))
 def add_to_roller_tally(tallies: wp.array[RollerTally], at: int, more: RollerTally):
-    """Adds what is dissipated in `more` to a roller's tally; no other thread does."""
+    """Adds `more` to a roller's tally, of which no other thread writes."""
 
 
 @wp.func_native(code_by_device("return __ballot_sync(0xffffffffu, flag);", "return flag;"))
 def lanes_with_flag(flag: int) -> int:
-    """The threads of the warp where `flag`, 0 or 1, is 1, as bits."""
+    """Threads of the warp whose `flag`, 0 or 1, is 1, as bits."""
 
 
 @wp.func_native(code_by_device("__syncwarp();", ""))
 def end_turn():
-    """Ends a thread's turn, after those of the warp that had theirs and before those that have none yet."""
+    """Ends a thread's turn among those of its warp."""
 
 
 BLOCK_OR = "return __syncthreads_or(flag);"
@@ -187,7 +184,7 @@ FIBERS_OR = """
 
 @dataclass(frozen=True)
 class SyncFunctions:
-    """Barriers and sums of the threads of a variant or of a block."""
+    """Synchronization functions of a block."""
 
     barrier: wp.Function
     block_barrier: wp.Function
@@ -203,7 +200,7 @@ class SyncFunctions:
 
 @cache
 def sync_functions(kind: BlockKind) -> SyncFunctions:
-    """The functions by which the threads of a block of a kind wait for each other and add up together."""
+    """Synchronization functions of block kernels."""
     Real, threads = kind.Real, kind.shape.threads
 
     @wp.func_native(WARP_BARRIER if threads == WARP else BARRIER)
@@ -220,15 +217,15 @@ def sync_functions(kind: BlockKind) -> SyncFunctions:
 
     @wp.func_native(_named_barrier("arrive", 1, threads))
     def hand_over_contacts():
-        """Tells the warp that moves the bodies that this warp's contacts are done, and does not wait."""
+        """Signals to the warp of the bodies that this warp's contacts are done, without waiting."""
 
     @wp.func_native(_named_barrier("sync", 1, threads, BARRIER))
     def await_contacts():
-        """Waits until all other warps have handed over."""
+        """Waits until all other warps have handed over their contacts."""
 
     @wp.func_native(_named_barrier("sync", 2, threads - WARP, BARRIER))
     def roller_barrier():
-        """Waits for all threads but those of the warp that moves the bodies."""
+        """Waits for all threads but those of the warp of the bodies."""
 
     @wp.func_native(SUM)
     def warp_sum(value: wp.float64) -> wp.float64:

@@ -1,4 +1,4 @@
-"""The contacts of a block's rollers with teeth: forces, and their reactions on sprockets."""
+"""Contact forces of teeth on a block's rollers, and their reactions on sprockets."""
 
 from dataclasses import dataclass
 from functools import cache
@@ -20,7 +20,7 @@ from .wrench_parts import wrench_part_functions
 
 @dataclass(frozen=True)
 class ToothFunctions:
-    """Contacts of one variant's rollers with the teeth of sprockets."""
+    """Tooth contact functions of a block."""
 
     add_tooth_force: wp.Function
     add_straight_flank_force: wp.Function
@@ -28,7 +28,7 @@ class ToothFunctions:
 
 @cache
 def tooth_functions(kind: BlockKind) -> ToothFunctions:
-    """The functions that evaluate a roller's contact with a sprocket of one variant on a block."""
+    """Tooth contact functions of block kernels."""
     Real = kind.Real
     kinds, Now = kind.types, kind.types.Now
     State, Shared = kinds.State, kinds.Shared
@@ -43,7 +43,7 @@ def tooth_functions(kind: BlockKind) -> ToothFunctions:
 
     @wp.func
     def is_moment_wanted(now: Now, s: int):
-        """Whether the moment on sprocket s is wanted: with metrics all are."""
+        """Whether a block wants the moment of teeth on sprocket s: always with metrics."""
         if wp.static(kind.measuring):
             return True
         else:
@@ -60,7 +60,7 @@ def tooth_functions(kind: BlockKind) -> ToothFunctions:
         j: int,
         contact: contacts.Contact,
     ):
-        """Adds the force of the teeth of a sprocket to roller j's, and its reaction, if wanted, to the sprocket."""
+        """Adds the force of a sprocket's teeth to a block's roller j's, and its reaction to the sprocket."""
         s = contact.partner
         at = chains.contact_memory(shared, mine, j, s)
         closer, arm = tooth_gaps.contact_in_gap(ensemble, state, shared, at, j, contact)
@@ -79,10 +79,9 @@ def tooth_functions(kind: BlockKind) -> ToothFunctions:
     def add_straight_flank_force(
         state: State, tallies: Tallies, shared: Shared, mine: ThreadParts, now: Now, j: int, contact: contacts.Contact
     ):
-        """Does `add_tooth_force` with few branches, at each of which a warp's threads part.
+        """Adds the force of straight-flanked teeth to a block's roller j's, with few branches; 0 if it cannot.
 
-        Only if the seat is kept, the law linear and hysteretic, and the flank straight: 1 then, else 0 and nothing is
-        added.
+        It can for a kept seat, a law linear and hysteretic, and a straight flank; else it has no effect.
         """
         s, before = contact.partner, contact.impact_speed
         at = chains.contact_memory(shared, mine, j, s)

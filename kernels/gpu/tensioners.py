@@ -1,8 +1,6 @@
-"""Tensioners on blocks of threads: what they do to the body that they push, and how their oil goes on.
+"""Tensioners on blocks of threads: forces on the bodies that they push, and steps of their oil.
 
-Oil needs only where its plunger is, and is needed after the next step's contacts. So where many variants share a block,
-a warp of its own takes the oil of all on, a tensioner a thread, while the others are at the next step. They wait for
-each other by a number beside each stroke.
+Where many variants share a block, a warp of its own (`oil_warp`) advances the oil, a tensioner a thread.
 """
 
 from dataclasses import dataclass
@@ -34,7 +32,7 @@ from .sync import sync_functions
 
 @dataclass(frozen=True)
 class TensionerFunctions:
-    """Tensioners of one variant on a block."""
+    """Tensioner functions of a block."""
 
     add_tensioner_forces: wp.Function
     add_tensioner_step: wp.Function
@@ -47,7 +45,7 @@ class TensionerFunctions:
 
 @cache
 def tensioner_functions(kind: BlockKind) -> TensionerFunctions:
-    """The functions of one variant's tensioners on a block."""
+    """Tensioner functions of block kernels."""
     chains = chain_functions(kind)
     oil_warp = oil_warp_functions(kind)
     rollers = roller_functions(kind)
@@ -57,7 +55,7 @@ def tensioner_functions(kind: BlockKind) -> TensionerFunctions:
 
     @wp.func
     def tensioner_at(ensemble: Ensemble, t: int):
-        """Tensioner t of all, as the kernel knows it."""
+        """Tensioner t of all, with constants of the block kernel's kind."""
         tensioner = ensemble.tensioners[t]
         if wp.static(not kind.parts.hydraulic):
             tensioner.hydraulic = 0  # so that the compiler knows
@@ -67,7 +65,7 @@ def tensioner_functions(kind: BlockKind) -> TensionerFunctions:
     def add_tensioner_forces(
         ensemble: Ensemble, state: State, mine: ThreadParts, stage: int, pose: Pose, wrench: kinds.Wrench
     ):
-        """The wrench on the thread's body, at `pose` in a stage, with its tensioners'."""
+        """Wrench on the thread's body, at `pose` in a stage, with its tensioners' forces."""
         kept = True
         if wp.static(kind.has_stages):
             kept = stage == 0
@@ -93,7 +91,7 @@ def tensioner_functions(kind: BlockKind) -> TensionerFunctions:
     ):
         """Adds a step of the tensioners of the thread's body to the sums of the window.
 
-        `before` is where the body was, `seen` has its rates at the step's instant.
+        `before` is its pose before the step; `seen` has rates of the step's instant.
         """
         drive = ensemble.drives[mine.drive_row]
         for t in range(drive.first_tensioner, drive.first_tensioner + chains.tensioner_count(drive)):
@@ -115,10 +113,7 @@ def tensioner_functions(kind: BlockKind) -> TensionerFunctions:
 
     @wp.func
     def find_supplies(ensemble: Ensemble, state: State, shared: Shared, mine: ThreadParts, time: kinds.Number):
-        """Finds supply pressures of the tensioners of the thread's body, where tabulated, at a step's start [s].
-
-        No body moves meanwhile: another thread has what turns a pump.
-        """
+        """Stores tabulated supply pressures of the thread's tensioners at a step's start [s], while no body moves."""
         drive = ensemble.drives[mine.drive_row]
         for t in range(drive.first_tensioner, drive.first_tensioner + chains.tensioner_count(drive)):
             tensioner = ensemble.tensioners[t]
@@ -135,7 +130,7 @@ def tensioner_functions(kind: BlockKind) -> TensionerFunctions:
     def advance_oil(
         ensemble: Ensemble, state: State, t: int, x: kinds.Number, rate: kinds.Real, h: kinds.Real, metered: bool
     ):
-        """Takes the oil of tensioner t of all a step of `h` [s] on, after a stroke to `x` [m] at `rate` [m/s]."""
+        """Advances the oil of a block's tensioner t of all by `h` [s], its plunger then at `x` [m] at `rate` [m/s]."""
         tensioner = tensioner_at(ensemble, t)
         if wp.static(kind.parts.hydraulic):
             if tensioner.supply_table.cells > 0:
@@ -146,7 +141,7 @@ def tensioner_functions(kind: BlockKind) -> TensionerFunctions:
 
     @wp.func
     def advance_tensioners(ensemble: Ensemble, state: State, shared: Shared, mine: ThreadParts, now: Now):
-        """Takes the tensioners of the thread's body a step on, once it has moved."""
+        """Advances the tensioners of the thread's body by a step, once it has moved."""
         if now.goes_on != 0 and now.stage == stage_count(integrator) - 1:
             drive = ensemble.drives[mine.drive_row]
             for t in range(drive.first_tensioner, drive.first_tensioner + chains.tensioner_count(drive)):
@@ -162,14 +157,14 @@ def tensioner_functions(kind: BlockKind) -> TensionerFunctions:
 
     @wp.func
     def await_oil(shared: Shared):
-        """Waits for the oil, where another warp has it; all threads of the variant together."""
+        """Waits for tensioners' oil on the oil warp; all threads of the variant together."""
         if wp.static(kind.has_oil_warp):
             oil_warp.await_oil(shared.strokes)
             sync.barrier()  # before the next stroke
 
     @wp.func
     def end_oil_warp(shared: Shared, i: int):
-        """Waits for the oil and lets its warp go, where it has one."""
+        """Waits for tensioners' oil and ends the oil warp, if any."""
         await_oil(shared)
         if wp.static(kind.has_oil_warp):
             if i < wp.static(kind.parts.tensioners):
@@ -177,7 +172,7 @@ def tensioner_functions(kind: BlockKind) -> TensionerFunctions:
 
     @wp.func
     def serve_tensioner(ensemble: Ensemble, state: State, shared: Shared, variant: int, k: int):
-        """Takes the oil of a variant's tensioner k along whenever asked, until the launch is over."""
+        """Advances the oil of a variant's tensioner k at each request, until the launch is over."""
         mine = thread_parts(ensemble.drives[variant], variant, k, -1)
         asked = oil_warp.request_of(shared.strokes, k)
         while asked != OVER:
@@ -190,7 +185,7 @@ def tensioner_functions(kind: BlockKind) -> TensionerFunctions:
 
     @wp.func
     def serve_variant(ensemble: Ensemble, state: State, shared: Shared, order: wp.array[wp.int32], number: int, k: int):
-        """Whether a thread has no part in a variant; for `k` >= 0 it has taken a tensioner's oil along."""
+        """Whether a thread has no part in a variant; with `k` >= 0 it has served that tensioner's oil."""
         over = False
         if wp.static(kind.has_oil_warp):
             if k >= 0:

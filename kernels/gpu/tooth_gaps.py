@@ -1,4 +1,4 @@
-"""Where a block's rollers are in the tooth gaps of sprockets, and the seats that they keep."""
+"""A block's rollers in the tooth gaps of sprockets, and the seats that they keep."""
 
 from dataclasses import dataclass
 from functools import cache
@@ -26,7 +26,7 @@ from .rollers import roller_functions
 
 @dataclass(frozen=True)
 class ToothGapFunctions:
-    """Rollers of one variant in the tooth gaps of its sprockets."""
+    """Tooth gap functions of a block."""
 
     with_sprocket: wp.Function
     contact_in_gap: wp.Function
@@ -35,7 +35,7 @@ class ToothGapFunctions:
 
 @cache
 def tooth_gap_functions(kind: BlockKind) -> ToothGapFunctions:
-    """The functions that find the rollers of one variant on a block in the tooth gaps of its sprockets."""
+    """Tooth gap functions of block kernels."""
     contacts = contact_functions(kind)
     chains = chain_functions(kind)
     whole_access = row_access(wp.int32)
@@ -46,14 +46,14 @@ def tooth_gap_functions(kind: BlockKind) -> ToothGapFunctions:
 
     @wp.func
     def seat_direction(ensemble: Ensemble, number: int):
-        """Direction of a seat at angle zero, by its number among all."""
+        """Direction of a tooth seat at angle zero, by its number among all of the block's ensemble."""
         return load_constant(ensemble.seats, number)
 
     @wp.func
     def with_sprocket(
         ensemble: Ensemble, state: State, shared: Shared, mine: ThreadParts, contact: contacts.Contact, j: int, s: int
     ):
-        """`contact` with what roller j remembers of sprocket s."""
+        """Block's contact with what roller j remembers of sprocket s."""
         at = chains.contact_memory(shared, mine, j, s)
         contact.partner = s
         contact.seat = whole_access.load(state.seat, at)
@@ -63,7 +63,7 @@ def tooth_gap_functions(kind: BlockKind) -> ToothGapFunctions:
 
     @wp.func
     def velocity_from_center(shared: Shared, j: int, s: int):
-        """Velocity of roller j relative to the center of sprocket s [m/s]."""
+        """Velocity [m/s] of a block's roller j relative to the center of sprocket s."""
         v = rollers.velocity(shared.rows, j)
         if wp.static(kind.moving):
             v = v - leading_value(shared.poses[s].velocity)
@@ -71,7 +71,7 @@ def tooth_gap_functions(kind: BlockKind) -> ToothGapFunctions:
 
     @wp.func
     def contact_in_gap(ensemble: Ensemble, state: State, shared: Shared, at: int, j: int, contact: contacts.Contact):
-        """`contact` of roller j with where it is in the sprocket's teeth, and its arm [m]; its seat is kept at `at`."""
+        """Block's contact of roller j with its kinematics in the tooth gap, and its arm [m]; its seat is at `at`."""
         s = contact.partner
         teeth = shared.teeth[s]
         body = shared.poses[s]
@@ -91,7 +91,7 @@ def tooth_gap_functions(kind: BlockKind) -> ToothGapFunctions:
 
     @wp.func
     def contact_in_straight_gap(shared: Shared, teeth: kinds.Sprocket, j: int, contact: contacts.Contact):
-        """`contact` of roller j and its arm [m], and whether `straight_flank_gap` applies to it (1, else 0)."""
+        """Block's contact of roller j in a straight-flanked gap, its arm [m], and 1 where that applies."""
         body = shared.poses[contact.partner]
         p = difference(rollers.exact_position(shared.rows, j), body.center)
         e, radial, xi, lateral = gap_coordinates(p, contact.direction, body, teeth)

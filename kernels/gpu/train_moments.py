@@ -1,4 +1,4 @@
-"""Moments that turn the bodies of trains on a block, from what each of them has shared."""
+"""Moments that turn the bodies of trains on a block, from those that each has shared."""
 
 from dataclasses import dataclass
 from functools import cache
@@ -17,7 +17,7 @@ from .prescribed_motion import prescribed_motion_functions
 
 @dataclass(frozen=True)
 class TrainMomentFunctions:
-    """Moments that turn the bodies of trains (`physics.train`)."""
+    """Train moment functions of a block (`physics.train`)."""
 
     train_moment: wp.Function
     speed_and_acceleration_now: wp.Function
@@ -25,14 +25,14 @@ class TrainMomentFunctions:
 
 @cache
 def train_moment_functions(kind: BlockKind) -> TrainMomentFunctions:
-    """The functions that gather moments on the bodies of a train (`physics.train`)."""
+    """Train moment functions of block kernels."""
     Real, rotors, kinds = kind.Real, kind.parts.rotors, kind.types
     Ensemble, Shared, Now = kinds.Ensemble, kinds.Shared, kinds.Now
     prescribed_motion = prescribed_motion_functions(kind)
 
     @wp.func
     def moment_without_valves(shared: Shared, mine: ThreadParts, now: Now, b: int, moment: Real):
-        """The moment [N m] that turns body b, of its constant inertia, from that of all but valves."""
+        """Moment [N m] that turns a block's body b, without valves' inertia, from that of all but valves."""
         cam, kick, own = kinds.Cam(), Real(0.0), shared.motions[b]
         for other in range(rotors):
             motion = shared.motions[other]
@@ -44,7 +44,7 @@ def train_moment_functions(kind: BlockKind) -> TrainMomentFunctions:
 
     @wp.func
     def train_moment(shared: Shared, mine: ThreadParts, now: Now, b: int):
-        """The moment [N m] that turns body b of a tied drive as if it turned alone (`physics.train`)."""
+        """Moment [N m] that turns body b of a block's train as if it turned alone (`physics.train`)."""
         own, total = shared.motions[b], Real(0.0)
         for other in range(rotors):
             motion = shared.motions[other]
@@ -57,7 +57,7 @@ def train_moment_functions(kind: BlockKind) -> TrainMomentFunctions:
 
     @wp.func
     def speed_and_acceleration_now(ensemble: Ensemble, shared: Shared, mine: ThreadParts, now: Now, b: int):
-        """Angular velocity [rad/s] and acceleration [rad/s^2] of body b at the step's instant."""
+        """Angular velocity [rad/s] and acceleration [rad/s^2] of a block's train's body b at the step's instant."""
         pose, motion = shared.poses[b], shared.motions[b]
         speed, angular = leading_value(pose.speed), train_moment(shared, mine, now, b) * motion.inverse_inertia
         if wp.static(not kind.has_stages):

@@ -1,4 +1,4 @@
-"""Sums over the window of shafts, couplings, gears and valves on a block, and frames of couplings and valves."""
+"""Sums over the window of a block's shafts, couplings, gears and valves; frames of couplings and valves."""
 
 from dataclasses import dataclass
 from functools import cache
@@ -25,17 +25,14 @@ from .valves import valve_functions
 
 @dataclass(frozen=True)
 class TrainSumFunctions:
-    """Sums over the window of shafts, couplings, gears and valves."""
+    """Train sum functions of a block."""
 
     add_train_step: wp.Function
 
 
 @cache
 def train_sum_functions(kind: BlockKind, frame: Any) -> TrainSumFunctions:
-    """The functions that add shafts, couplings, gears and valves of one variant to the sums of the window.
-
-    Frames lie as `frame` says (`kernels.frames`).
-    """
+    """Train sum functions of block kernels, and frames of layout `frame`."""
     Real, sprockets, rotors = kind.Real, kind.parts.sprockets, kind.parts.rotors
     kinds, Now, Out = kind.types, kind.types.Now, kind.types.Out
     Ensemble, State, Shared = kinds.Ensemble, kinds.State, kinds.Shared
@@ -60,7 +57,7 @@ def train_sum_functions(kind: BlockKind, frame: Any) -> TrainSumFunctions:
     def add_coupling_step(
         ensemble: Ensemble, state: State, shared: Shared, out: Out, mine: ThreadParts, now: Now, c: int
     ):
-        """Adds a step of a coupling, whose second body is the thread's, to the sums of the window and the frame."""
+        """Adds a step of a coupling, whose second body is the thread's, to sums of the window and frame."""
         drive, engaged = ensemble.drives[mine.drive_row], state.couplings[c]
         coupling, one, other = couplings.coupling_and_bodies(ensemble, shared, mine, c)
         twist, before = coupling_twist(shared.poses[wp.max(one, 0)], shared.poses[other], coupling, engaged)
@@ -112,7 +109,7 @@ def train_sum_functions(kind: BlockKind, frame: Any) -> TrainSumFunctions:
 
     @wp.func
     def add_train_step(ensemble: Ensemble, state: State, shared: Shared, out: Out, mine: ThreadParts, now: Now):
-        """Adds a step of the thread's shaft, couplings and gears whose second body it is; updates couplings."""
+        """Adds a step of the thread's shaft, couplings and gears to the sums of the window; updates couplings."""
         drive = ensemble.drives[mine.drive_row]
         for c in range(drive.first_coupling, drive.first_coupling + couplings.coupling_count(drive)):
             if ensemble.couplings[c].second == mine.body_number:

@@ -1,4 +1,4 @@
-"""Shafts, gears, couplings and motors on a block: moments that bodies share before any of them moves."""
+"""Trains on a block: moments of shafts, gears, couplings and motors, shared before any body moves."""
 
 from dataclasses import dataclass
 from functools import cache
@@ -22,14 +22,14 @@ from .valves import valve_functions
 
 @dataclass(frozen=True)
 class TrainFunctions:
-    """Trains of one variant on a block."""
+    """Train functions of a block."""
 
     find_train_moments: wp.Function
 
 
 @cache
 def train_functions(kind: BlockKind, frame: Any) -> TrainFunctions:
-    """The functions of one variant's trains on a block; frames lie as `frame` says (`kernels.frames`)."""
+    """Train functions of block kernels, and frames of layout `frame`."""
     kinds, Now, Out = kind.types, kind.types.Now, kind.types.Out
     Ensemble, State, Shared, Wrench = kinds.Ensemble, kinds.State, kinds.Shared, kinds.Wrench
     loads, prescribed_motion = load_functions(kind), prescribed_motion_functions(kind)
@@ -40,10 +40,7 @@ def train_functions(kind: BlockKind, frame: Any) -> TrainFunctions:
     def share_train_moment(
         ensemble: Ensemble, state: State, shared: Shared, mine: ThreadParts, now: Now, wrench: Wrench
     ):
-        """Shares the moment on the thread's body, with that of load, motor and couplings; bodies stand still.
-
-        `wrench` has the tensioners'; nobody reads what arms share.
-        """
+        """Shares the moment on the thread's body of load, motor, couplings and `wrench`, which has tensioners'."""
         time = prescribed_motion.step_time(mine, now)
         if wp.static(kind.has_stages):
             time = stage_at(wp.static(kind.integrator), now.stage, time, prescribed_motion.exact_time_step(mine)).time
@@ -71,7 +68,7 @@ def train_functions(kind: BlockKind, frame: Any) -> TrainFunctions:
     def find_train_moments(
         ensemble: Ensemble, state: State, out: Out, shared: Shared, mine: ThreadParts, now: Now, wrench: Wrench
     ):
-        """Shares the moments on bodies, and observes trains; all threads together, before any body moves."""
+        """Shares the moments on a train's bodies, and observes trains; all threads together, before any body moves."""
         if mine.body >= 0:
             share_train_moment(ensemble, state, shared, mine, now, wrench)
         sync.barrier()

@@ -1,4 +1,4 @@
-"""Valves on a block: lifts of cams, a thread each, and what they do to the bodies that cams are on."""
+"""Valves on a block: lifts of cams, a thread each, and their moments on bodies."""
 
 from dataclasses import dataclass
 from functools import cache
@@ -20,7 +20,7 @@ from .train_moments import train_moment_functions
 
 @dataclass(frozen=True)
 class ValveFunctions:
-    """Valves of one variant on a block."""
+    """Valve functions of a block."""
 
     share_lifts: wp.Function
     share_valve_cam: wp.Function
@@ -30,7 +30,7 @@ class ValveFunctions:
 
 @cache
 def valve_functions(kind: BlockKind, frame: Any) -> ValveFunctions:
-    """The functions of one variant's valves on a block; frames lie as `frame` says (`kernels.frames`)."""
+    """Valve functions of block kernels, and frames of layout `frame`."""
     kinds, Now, Out = kind.types, kind.types.Now, kind.types.Out
     Ensemble, State, Shared = kinds.Ensemble, kinds.State, kinds.Shared
     chains = chain_functions(kind)
@@ -40,7 +40,7 @@ def valve_functions(kind: BlockKind, frame: Any) -> ValveFunctions:
 
     @wp.func
     def share_lifts(ensemble: Ensemble, shared: Shared, mine: ThreadParts):
-        """Shares the lifts of all cams: a thread each, from the last on, which may have no rollers."""
+        """Shares the lifts of all cams, a thread each, from the last thread on."""
         last = ensemble.drives[mine.variant + wp.static(kind.parts.chains - 1)]
         end = last.first_valve + last.valves
         cam = wp.static(kind.shape.threads - 1) - mine.thread
@@ -61,7 +61,7 @@ def valve_functions(kind: BlockKind, frame: Any) -> ValveFunctions:
 
     @wp.func
     def first_cam(ensemble: Ensemble, mine: ThreadParts, v: int):
-        """The number of the first cam of group v of all valves among those of the variant."""
+        """Number of the first cam of valve group v of all among the block's."""
         first = int(ensemble.valves[v].first_cam)
         for r in range(wp.static(kind.parts.chains - 1)):  # and those of the chains before
             before = ensemble.drives[mine.variant + r]
@@ -72,10 +72,7 @@ def valve_functions(kind: BlockKind, frame: Any) -> ValveFunctions:
 
     @wp.func
     def next_group_on_body(ensemble: Ensemble, drive: Drive, b: int, v: int):
-        """The first group of valves from `v` on that is on body b of a drive, or where they end.
-
-        So threads go through their groups together, the first, the second, and so on.
-        """
+        """First group of a block's valves from `v` on that is on body b of a drive, or their end."""
         at = int(v)
         while at < drive.first_valve + drive.valves and ensemble.valves[at].body != b:
             at = at + 1
@@ -83,7 +80,7 @@ def valve_functions(kind: BlockKind, frame: Any) -> ValveFunctions:
 
     @wp.func
     def share_valve_cam(ensemble: Ensemble, shared: Shared, mine: ThreadParts):
-        """Shares what the valves on the thread's body do to it, once all lifts are shared."""
+        """Shares inertia and moment of the valves on the thread's body, once all lifts are shared."""
         cam, drive = kinds.Cam(), ensemble.drives[mine.drive_row]
         v = next_group_on_body(ensemble, drive, mine.body_number, drive.first_valve)
         while v < drive.first_valve + drive.valves:
@@ -95,7 +92,7 @@ def valve_functions(kind: BlockKind, frame: Any) -> ValveFunctions:
 
     @wp.func
     def valve_load_now(ensemble: Ensemble, shared: Shared, mine: ThreadParts, now: Now, v: int):
-        """Torque [N m] of group v of all valves against forward rotation, and the least force [N] on a follower."""
+        """Torque [N m] of a block's valve group v of all against rotation, and least force [N] on a follower."""
         valve, first = ensemble.valves[v], first_cam(ensemble, mine, v)
         b = chains.body_on_block(ensemble, shared, mine.drive_row, mine.drive_row - mine.variant, valve.body)
         speed, angular = train_moments.speed_and_acceleration_now(ensemble, shared, mine, now, b)
@@ -106,7 +103,7 @@ def valve_functions(kind: BlockKind, frame: Any) -> ValveFunctions:
 
     @wp.func
     def add_valve_step(ensemble: Ensemble, state: State, shared: Shared, out: Out, mine: ThreadParts, now: Now):
-        """Adds a step of all groups of valves on the thread's body to the sums of the window and the frame."""
+        """Adds a step of all valve groups on the thread's body to the sums of the window and the frame."""
         drive = ensemble.drives[mine.drive_row]
         v = next_group_on_body(ensemble, drive, mine.body_number, drive.first_valve)
         while v < drive.first_valve + drive.valves:

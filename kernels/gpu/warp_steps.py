@@ -1,4 +1,4 @@
-"""Whole steps of one variant on one warp, and variants of a block that wait for each other."""
+"""Whole steps of one variant on one warp, and waits of a block's variants for each other."""
 
 from dataclasses import dataclass
 from functools import cache
@@ -25,7 +25,7 @@ MEETING_INTERVAL = wp.constant(16)
 
 @wp.func
 def plain_step(now: Any):
-    """A step with nothing but forces and motion: the compiler leaves out the rest."""
+    """Time loop's state of a step with nothing but forces and motion."""
     now.flags = 0
     now.goes_on = 1
     return now
@@ -33,7 +33,7 @@ def plain_step(now: Any):
 
 @dataclass(frozen=True)
 class WarpStepFunctions:
-    """Whole steps of a variant on one warp."""
+    """Warp step functions of a block."""
 
     is_common_step: wp.Function
     take_step: wp.Function
@@ -43,7 +43,7 @@ class WarpStepFunctions:
 
 @cache
 def warp_step_functions(kind: BlockKind, frame: Any) -> WarpStepFunctions:
-    """The functions that take a variant on one warp through whole steps."""
+    """Warp step functions of block kernels, and frames of layout `frame`."""
     Real = kind.Real
     kinds, Now, Out = kind.types, kind.types.Now, kind.types.Out
     Ensemble, State, Shared = kinds.Ensemble, kinds.State, kinds.Shared
@@ -59,7 +59,7 @@ def warp_step_functions(kind: BlockKind, frame: Any) -> WarpStepFunctions:
 
     @wp.func
     def is_common_step(now: Now):
-        """Whether a step is neither the first nor the last, without a frame, and not at the window's ends."""
+        """Whether a warp's step is neither the run's first nor last, without a frame, and not at the window's ends."""
         whole = now.goes_on != 0 and now.step != 0 and now.flags & EXTRA == 0
         if wp.static(kind.measuring):
             return whole and now.measures != 0
@@ -68,7 +68,7 @@ def warp_step_functions(kind: BlockKind, frame: Any) -> WarpStepFunctions:
 
     @wp.func
     def common_step(mine: ThreadParts, now: Now):
-        """A step with metrics in full, but no frames or events: the compiler leaves those out."""
+        """Time loop's state of a step with metrics in full, but no frames or events."""
         now.measures = wp.static(int(kind.measuring))
         now.weight = rollers.time_step(mine)
         now.wanted_moments = now.moved_sprockets
@@ -100,7 +100,7 @@ def warp_step_functions(kind: BlockKind, frame: Any) -> WarpStepFunctions:
 
     @wp.func
     def wait_for_other_variants(now: Now):
-        """Waits now and then for the block's other variants, so that all go through the same code at the same time."""
+        """Waits now and then for the block's other variants, so that code is fetched once for all."""
         if wp.static(kind.shape.variants_per_block > 1 and not kind.has_oil_warp) and now.step % MEETING_INTERVAL == 0:
             sync.block_barrier()
 
@@ -115,7 +115,7 @@ def warp_step_functions(kind: BlockKind, frame: Any) -> WarpStepFunctions:
         near: partner_bits.Bits,
         end: int,
     ):
-        """Common steps of a variant on one warp from `now` on, to an event, or to `end`."""
+        """Takes common steps of a variant on one warp from `now` on, to an event or to `end`."""
         now = common_step(mine, now)
         end = wp.min(end, now.next_event)
         while True:

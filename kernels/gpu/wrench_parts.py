@@ -1,4 +1,4 @@
-"""Moments and forces of the rollers of one variant on its bodies, added up from a part of each roller or thread."""
+"""Moments and forces of a block's rollers on bodies, added up from a part of each roller or thread."""
 
 from dataclasses import dataclass
 from functools import cache
@@ -17,7 +17,7 @@ from .sync import group_lanes, sync_functions, warp_lanes
 
 @dataclass(frozen=True)
 class WrenchPartFunctions:
-    """Sums of what rollers do to bodies, from parts of each."""
+    """Wrench part functions of a block."""
 
     add_moment: wp.Function
     add_reaction: wp.Function
@@ -31,7 +31,7 @@ class WrenchPartFunctions:
 
 @cache
 def wrench_part_functions(kind: BlockKind) -> WrenchPartFunctions:
-    """The functions that add up what the rollers of one variant on a block do to its bodies."""
+    """Wrench part functions of block kernels."""
     Real, threads, body_count = kind.Real, kind.shape.threads, kind.parts.bodies
     kinds, Now = kind.types, kind.types.Now
     Shared = kinds.Shared
@@ -43,7 +43,7 @@ def wrench_part_functions(kind: BlockKind) -> WrenchPartFunctions:
 
     @wp.func
     def is_force_wanted(measured: int):
-        """Whether the force on sprockets is wanted beside the moment."""
+        """Whether a block wants rollers' force on sprockets beside the moment."""
         if wp.static(kind.moving):
             return True
         else:
@@ -51,7 +51,7 @@ def wrench_part_functions(kind: BlockKind) -> WrenchPartFunctions:
 
     @wp.func
     def part_index(mine: ThreadParts, k: int, s: int, j: int):
-        """Where roller j's part of body s, or its thread's, lies in row k: of moments, forces in x, forces in y."""
+        """Index of the part of body s of roller j, or of its thread, in row k: of moments, forces in x, forces in y."""
         first = (body_count * k + s) * width
         if wp.static(of_rollers):
             return first + j
@@ -60,30 +60,30 @@ def wrench_part_functions(kind: BlockKind) -> WrenchPartFunctions:
 
     @wp.func
     def add_part(shared: Shared, at: int, value: Real):
-        """Adds `value` to the part at `at`."""
+        """Adds `value` to a block's wrench part at `at`."""
         access.store(shared.wrench_parts, at, access.load(shared.wrench_parts, at) + value)
 
     @wp.func
     def add_moment(shared: Shared, mine: ThreadParts, s: int, j: int, moment: Real):
-        """Adds the moment [N m] of roller j's force to body s."""
+        """Adds the moment [N m] of a block's roller j's force to the parts of body s."""
         add_part(shared, part_index(mine, 0, s, j), moment)
 
     @wp.func
     def add_reaction(shared: Shared, mine: ThreadParts, s: int, j: int, force: vec2):
-        """Adds the opposite of roller j's force [N] to body s."""
+        """Adds the opposite of a block's roller j's force [N] to the parts of body s."""
         add_part(shared, part_index(mine, 1, s, j), -force[0])
         add_part(shared, part_index(mine, 2, s, j), -force[1])
 
     @wp.func
     def add_wrench(shared: Shared, mine: ThreadParts, s: int, j: int, moment: Real, force: vec2, measured: int):
-        """Adds the moment [N m] and, if that is wanted, the opposite of roller j's force [N] to body s."""
+        """Adds moment [N m] and, if wanted, opposite of a block's roller j's force [N] to the parts of body s."""
         add_moment(shared, mine, s, j, moment)
         if is_force_wanted(measured):
             add_reaction(shared, mine, s, j, force)
 
     @wp.func
     def add_wrench_on_carrier(shared: Shared, mine: ThreadParts, now: Now, s: int, j: int, force: vec2):
-        """Adds what roller j's force does to the arm that carries sprocket s, where one does."""
+        """Adds the wrench of a block's roller j's force to the parts of the arm that carries sprocket s, if any."""
         if wp.static(kind.parts.hubs):
             arm = shared.hubs[s].arm
             if arm != GROUND:
@@ -92,10 +92,7 @@ def wrench_part_functions(kind: BlockKind) -> WrenchPartFunctions:
 
     @wp.func
     def part_sum(shared: Shared, s: int, k: int, i: int):
-        """This thread's share of the sum of all parts of body s, if there is one, in row k; they start anew at zero.
-
-        Threads without a body read another's, so that none waits at a branch.
-        """
+        """Thread's share of the sum of the wrench parts of body s, if there is one, in row k; clears the parts."""
         value = Real(0.0)
         first = (body_count * k + wp.min(s, wp.static(kind.parts.bodies - 1))) * wp.static(width) + i % group_lanes()
         for q in range(warp_lanes() // group_lanes()):
@@ -112,7 +109,7 @@ def wrench_part_functions(kind: BlockKind) -> WrenchPartFunctions:
 
     @wp.func
     def moving_warps():
-        """Number of warps that move bodies: all, or only the last, which has no rollers."""
+        """Number of a block's warps that move bodies: all, or only the last, which has no rollers."""
         if wp.static(kind.shape.body_warp and kind.parts.bodies <= 4):
             if warp_lanes() > 1:
                 return int(1)
@@ -120,7 +117,7 @@ def wrench_part_functions(kind: BlockKind) -> WrenchPartFunctions:
 
     @wp.func
     def first_body(i: int):
-        """The first body of thread i's warp, one that there is not where it has none."""
+        """First body of thread i's warp; the number of bodies where it has none."""
         if wp.static(kind.shape.is_one_warp):
             if warp_lanes() > 1:
                 return int(0)
@@ -129,7 +126,7 @@ def wrench_part_functions(kind: BlockKind) -> WrenchPartFunctions:
 
     @wp.func
     def thread_body(i: int):
-        """The body that thread i moves, negative for most: each group of threads has one, if they are few."""
+        """Body that thread i moves, -1 for none."""
         s = first_body(i) + moving_warps() * (
             i % warp_lanes() // group_lanes() + warp_lanes() // group_lanes() * (i % group_lanes())
         )
@@ -137,9 +134,9 @@ def wrench_part_functions(kind: BlockKind) -> WrenchPartFunctions:
 
     @wp.func
     def row_sum(shared: Shared, k: int, i: int):
-        """Row k of what acts on the body that thread i moves: moment [N m], force in x, in y [N].
+        """Row k of the rollers' wrench on thread i's body: moment [N m], force in x, in y [N].
 
-        All threads together, between the barrier after the contacts and the next one.
+        All threads together, between the contacts' barrier and the next.
         """
         acting = Real(0.0)
         turn = int(0)
@@ -154,12 +151,12 @@ def wrench_part_functions(kind: BlockKind) -> WrenchPartFunctions:
 
     @wp.func
     def chain_moment(shared: Shared, i: int):
-        """The chain's moment on the body that thread i moves [N m]; all threads together, as `row_sum`."""
+        """Chain's moment [N m] on thread i's body; all threads together."""
         return row_sum(shared, 0, i)
 
     @wp.func
     def chain_moment_and_force(shared: Shared, i: int, moment: Real, measured: int):
-        """The chain's `moment` [N m] and, if it is wanted, its force (x, y) [N]; all threads together, as `row_sum`."""
+        """Chain's `moment` [N m] and, if wanted, force (x, y) [N] on thread i's body; all threads together."""
         acting = of_three()
         acting[0] = moment
         if is_force_wanted(measured):
@@ -169,7 +166,7 @@ def wrench_part_functions(kind: BlockKind) -> WrenchPartFunctions:
 
     @wp.func
     def wrench_from_vector(acting: of_three):
-        """The wrench from `chain_moment_and_force`; with the force where bodies move."""
+        """Wrench on a block's body from `chain_moment_and_force`; with the force where bodies move."""
         wrench = kinds.Wrench()
         wrench.moment = acting[0]
         if wp.static(kind.moving):

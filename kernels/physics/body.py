@@ -1,10 +1,7 @@
 """Rigid bodies that carry teeth and guides: poses, accelerations, integration in time, energies.
 
 Center (x, y) and angle are each free, held or prescribed. Bodies that only turn have `Mount.active` = 0; others follow
-`mount`. A prescribed coordinate takes its mean speed over a leapfrog step, and so is exact at each step's end.
-
-Coordinates and rates are numbers (`number`), all else is rounded. Turned headings are within 1e-14 up to 0.01 rad a
-step.
+`mount`. Coordinates and rates are numbers (`number`), all else is rounded.
 """
 
 from typing import Any
@@ -48,7 +45,7 @@ def pose_heading(pose: Any):
 
 @wp.func
 def pose_with_heading(pose: Pose, cosine: wp.float64, sine: wp.float64):
-    """A body's float64 pose heading along (cosine, sine)."""
+    """A body's float64 pose with its heading along (cosine, sine)."""
     pose.cosine = cosine
     pose.sine = sine
     return pose
@@ -56,7 +53,7 @@ def pose_with_heading(pose: Pose, cosine: wp.float64, sine: wp.float64):
 
 @wp.func
 def pose_with_heading(pose: BLOCKS.Pose, cosine: Pair, sine: Pair):
-    """A body's pose in pairs heading along (cosine, sine), with R cos theta, R sin theta (`tooth`)."""
+    """A body's pose in pairs with its heading, and R cos theta, R sin theta (`tooth`), along (cosine, sine)."""
     pose.cosine = cosine
     pose.sine = sine
     pose.reach_cosine = grid_product(cosine, pose.radius, pose.grid)
@@ -66,7 +63,7 @@ def pose_with_heading(pose: BLOCKS.Pose, cosine: Pair, sine: Pair):
 
 @wp.func
 def turned_pose(pose: Pose, turn: wp.float64):
-    """A body's float64 pose turned by a small angle [rad]."""
+    """A body's float64 pose turned by a small angle [rad], its heading within 1e-14 up to 0.01 rad."""
     square = turn * turn
     one = wp.float64(1.0)
     fourth = multiply_add(-square, wp.static(wp.float64(1.0 / 24.0)), wp.float64(0.5))
@@ -93,7 +90,7 @@ def turned_pose(pose: BLOCKS.Pose, turn: wp.float32):
 
 @wp.func
 def aligned_pose(pose: Any):
-    """A body's pose heading along its angle, its numbers trimmed to float64."""
+    """A body's pose with its heading along its angle, its numbers trimmed to float64."""
     pose.angle = trimmed_value(pose.angle)
     pose.speed = trimmed_value(pose.speed)
     pose.center = trimmed_value(pose.center)
@@ -122,13 +119,13 @@ def pose_of(body: BodyState):
 
 @wp.func
 def plain_body(body: BodyState):
-    """A body's float64 state as plain numbers: unchanged."""
+    """A body's float64 state, unchanged."""
     return body
 
 
 @wp.func
 def plain_body(body: Pose):
-    """A body's float64 pose as plain numbers: unchanged."""
+    """A body's float64 pose, unchanged."""
     return body
 
 
@@ -178,11 +175,8 @@ def body_accelerations(
 ):
     """Accelerations of a body's center (x, y) [m/s^2] and angle [rad/s^2], eq. (4).
 
-    Args:
-        time: of what is prescribed and of the body's speed [s].
-        off: center from its home [m].
-        heading: (cos theta, sin theta).
-        wrench: all forces on it, with its load if its angle is free.
+    `time` [s] is the instant of `body.speed`, `off` the center from its home [m], `heading` (cos theta, sin theta);
+    `wrench` holds all forces, and the load of a free angle.
     """
     zero = type(wrench.load)(0.0)
     rates = wp.vector(zero, zero, zero)
@@ -203,9 +197,9 @@ def body_accelerations(
 
 @wp.func
 def leapfrog_body(kick: Any, h: Any, body: Any, rates: Any, ahead: Any, motion: Any, mount: Any):
-    """A body's state one leapfrog step `h` [s] later, except for a prescribed center.
+    """A body's state one leapfrog step `h` [s] later, a prescribed center aside.
 
-    `kick` is `integrate.leapfrog_kick` [s], `ahead` a prescribed angle at the end.
+    `kick` is the speed's step [s], `ahead` a prescribed angle at the end.
     """
     led = motion.prescribed == 1
     speed = wp.where(led, (ahead - body.angle) * reciprocal(h), body.speed + kick * rates[2])
@@ -219,7 +213,7 @@ def leapfrog_body(kick: Any, h: Any, body: Any, rates: Any, ahead: Any, motion: 
 
 @wp.func
 def move_prescribed_center(after: Any, h: Any, body: Any, mount: Any, ensemble: Any):
-    """A body's state with a prescribed center as at `after` [s], at its mean velocity."""
+    """A body's state with its prescribed center as at `after` [s], at its mean velocity over `h` [s]."""
     if mount.moves == PRESCRIBED:
         center, velocity, growth = prescribed_center(after, mount, ensemble)
         body.velocity = (center - body.center) * reciprocal(h)
@@ -241,7 +235,7 @@ def body_with_accelerations(before: Any, after: Any, rates: Any, kick: Any, moti
 
 @wp.func
 def stage_body(at: Any, body: Any, base: Any, slopes: Any, rates: Any, motion: Any, mount: Any, ensemble: Any):
-    """A body's states at the next Runge-Kutta stage and step's start, and weighted slopes."""
+    """A body's states at the next Runge-Kutta stage and the step's start, and weighted slopes."""
     straight = wp.vector(rates[0], rates[1])
     turning = body.speed
     moving = body.velocity
@@ -311,20 +305,16 @@ def body_energy(off: Any, body: Any, heading: Any, motion: Any, mount: Any):
 
 @wp.func
 def holding_force_and_power(off: Any, body: Any, heading: Any, wrench: Any, rates: Any, motion: Any, mount: Any):
-    """Force [N] that holds a mounted body's center, and power [W] of its prescribed motion.
-
-    Arguments as of `body_accelerations`, rates at the instant.
-    """
+    """Force [N] that holds a mounted body's center, and power [W] of its prescribed motion."""
     held = holding_force(off, body, heading, wrench, rates, mount)
     return held, prescribing_power(body, heading, held, rates, motion.prescribed, mount)
 
 
 @wp.func
 def late_contact_power(wrench: Any, now: Any, pose: Any, lag: Any, carried: bool):
-    """Power [W] that contacts on a body miss, since they take its acceleration of the step before.
+    """Power [W] that contacts on a body miss by taking its acceleration of the step before.
 
-    `now` is its state at the forces' instant, `pose` of `lag` [s] before; `carried`: its carrier has the center's
-    power.
+    `now` is its state at the forces' instant, `pose` that of `lag` [s] before; `carried` leaves out the center's power.
     """
     power = wrench.moment * (now.speed - leading_value(pose.speed) - lag * pose.angular)
     if not carried:
@@ -334,7 +324,7 @@ def late_contact_power(wrench: Any, now: Any, pose: Any, lag: Any, carried: bool
 
 @wp.func
 def is_in_box(low: Any, high: Any, p: Any):
-    """Whether point `p` [m] is finite and within the drive's box."""
+    """Whether a body's or roller's point `p` [m] is finite and within the drive's box."""
     return p[0] > low[0] and p[0] < high[0] and p[1] > low[1] and p[1] < high[1]
 
 
@@ -392,10 +382,7 @@ def arm_own_moment(body: Any, heading: Any, arm: Any):
 
 @wp.func
 def arm_spring_moment(turned: Any, arm: Any):
-    """Moment [N m] on an arm of springs, dampers and stops, without weight.
-
-    `turned` has its angle and speed against its carrier.
-    """
+    """Moment [N m] of an arm's springs, dampers and stops; `turned` is relative to its carrier."""
     stop, elastic = stop_moment(turned.angle, turned.speed, arm)
     moment = stop - arm.stiffness * (turned.angle - arm.free_angle) - arm.damping * turned.speed
     if arm.coil_stiffness > type(moment)(0.0):
@@ -405,7 +392,7 @@ def arm_spring_moment(turned: Any, arm: Any):
 
 @wp.func
 def arm_mass_moment(heading: Any, arm: Any):
-    """Mass moment of an arm about its pivot at its heading [kg m]."""
+    """Mass moment [kg m] of an arm about its pivot at its heading."""
     return type(heading)(
         arm.mass_moment[0] * heading[0] - arm.mass_moment[1] * heading[1],
         arm.mass_moment[0] * heading[1] + arm.mass_moment[1] * heading[0],
@@ -422,7 +409,7 @@ def relax_arm(body: Any, angular: wp.float64, kick: wp.float64, h: wp.float64):
 
 @wp.func
 def arm_energy(kinetic: wp.float64, body: Any, heading: Any, arm: Any):
-    """Energy [J] of an arm: `kinetic`, and of springs, stops and weight."""
+    """Energy [J] of an arm: `kinetic`, and that of its springs, stops and weight."""
     half = type(body.speed)(0.5)
     turned = body.angle - arm.free_angle
     energy = kinetic + wp.float64(half * arm.stiffness * turned * turned)
@@ -439,7 +426,7 @@ def arm_energy(kinetic: wp.float64, body: Any, heading: Any, arm: Any):
 
 @wp.func
 def pivot_power(power: Any, body: Any, arm: Any):
-    """Power [W] of what moves an arm's pivot: `power` and that of lifting."""
+    """Power [W] of what moves an arm's pivot: `power` and that of lifting its weight."""
     return power - arm.mass * wp.dot(arm.gravity, body.velocity)
 
 

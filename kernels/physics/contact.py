@@ -2,17 +2,14 @@
 
 A contact keeps the approach speed v0 of its first instant until it opens. An open one keeps `UNTOUCHED`; between teeth
 `SEPARATED` once the roller has left them in its pass; in a guide `MISSED` if the roller did not come in through the
-face, without force until it has left. The relative velocity is v = v_s + omega x r - v_i of the partner's point against
-the roller (eq. (10)-(14)); forces, friction too, act at the roller's center and oppositely at the same point of the
-partner's body (eq. (16) with the full cross product).
+face, without force until it has left. The relative velocity is v = v_s + omega x r - v_i (eq. (10)-(14)); forces act at
+the roller's center and oppositely at the same point of the partner's body (eq. (16)).
 
-**Mean over a step.** Leapfrog's kick is an impulse, so forces go by the mean of max(0, pen + v tau) over tau from -h/2
-to h/2, v the approach speed by all but the contact and w = |v| h / 2,
+Leapfrog's forces go by the penetration's mean over the step, with w = |v| h / 2
 
     pen' = pen  where pen >= w,   (pen + w)^2 / (4 w)  where -w < pen < w,   else 0,                          (a)
 
-and a contact begins up to half a step early, at v0 = v - a pen / v, or v - a h / 2 where pen is more than w, a the
-closing acceleration. A scheme with stages has w = 0.
+and a contact begins at v0 = v - a min(pen, w) / v, a the closing acceleration.
 """
 
 from typing import Any
@@ -41,10 +38,9 @@ def force_vector(direction: Any, size: Any):
 def normal_force_vector(
     penetration: Any, normal: Any, relative: Any, acceleration: Any, impact_speed: Any, speed_before: Any, law: Any
 ):
-    """Normal force on a roller (vector) [N], and all that `normal_force` returns, eq. (15)-(19).
+    """Normal force of a contact on the roller (vector) [N], and all that `normal_force` returns, eq. (15)-(19).
 
-    `normal` points towards the roller; `relative` is the partner's point less the roller [m/s], `acceleration` that by
-    all but this contact.
+    `normal` points to the roller; `relative` is the partner's velocity less the roller's [m/s].
     """
     speed = products(relative[0], normal[0], relative[1], normal[1])
     growth = products(acceleration[0], normal[0], acceleration[1], normal[1])
@@ -54,15 +50,10 @@ def normal_force_vector(
 
 @wp.func
 def normal_force(penetration: Any, speed: Any, growth: Any, impact_speed: Any, speed_before: Any, law: Any):
-    """Normal force of a contact: mean penetration [m], elastic part, size [N], v0, damper speed.
+    """Normal force of a contact: mean penetration [m], elastic part [N], size [N], v0 [m/s], damper speed [m/s].
 
-    An open contact has mean penetration 0, and nothing else then counts.
-
-    Args:
-        speed: at which the penetration grows [m/s], half a step before with leapfrog.
-        growth: of that speed, by all but this contact [m/s^2].
-        impact_speed: v0, not positive if open until now [m/s].
-        speed_before: at which the damper acted in the step before [m/s].
+    An open contact has mean penetration 0. `speed` is that at which the penetration grows [m/s], `growth` its rate by
+    all but this contact, `impact_speed` v0, not positive if open until now, `speed_before` the last damper speed.
     """
     zero = type(speed)(0.0)
     closing = multiply_add(law.lag, growth, speed)
@@ -81,10 +72,7 @@ def normal_force(penetration: Any, speed: Any, growth: Any, impact_speed: Any, s
 
 @wp.func
 def steady_force(penetration: Any, speed: Any, growth: Any, impact_speed: Any, speed_before: Any, law: Any):
-    """Normal force [N] and damper speed [m/s] of a contact that does not change in the step.
-
-    Arguments as of `normal_force`.
-    """
+    """Normal force [N] and damper speed [m/s] of a contact that stays closed or open in the step."""
     zero = type(speed)(0.0)
     elastic = elastic_force(larger(penetration, zero), law.stiffness, law.exponent)
     size, damper_speed = contact_force(elastic, speed, growth, impact_speed, speed_before, law)
@@ -115,20 +103,17 @@ def memory_after_teeth(impact_speed: Any):
 
 @wp.func
 def has_missed_face(penetration: Any, impact_speed: Any, guide: Any):
-    """Whether a roller in a guide did not come in through its face, and so feels no force."""
+    """Whether a roller in a guide did not come in through its face, and so has no contact force."""
     first_seen = impact_speed == type(penetration)(UNTOUCHED)
     return impact_speed < type(penetration)(UNTOUCHED) or (first_seen and penetration > guide.deepest_entry)
 
 
 @wp.func
 def friction_force(size: Any, normal: Any, relative: Any, bristle: Any, friction: Any, stretch_part: Any):
-    """Friction on a roller (vector) [N], and the force [N] that the contact's bristle then holds.
+    """Friction of a contact on the roller (vector) [N], and the force [N] that its bristle then holds.
 
-    Args:
-        size: of the normal force [N].
-        relative: velocity of the partner's point less the roller's [m/s].
-        bristle: force held until now [N].
-        stretch_part: as in `friction.bristle_friction`.
+    `size` is the normal force [N], `relative` the partner's velocity less the roller's [m/s], `bristle` the force held
+    until now [N], `stretch_part` as in `friction.bristle_friction`.
     """
     mu = sliding_coefficient(normal, relative, friction)
     drag, holds = friction_force_of_coefficient(mu, size, normal, relative, bristle, friction, stretch_part)
@@ -137,7 +122,7 @@ def friction_force(size: Any, normal: Any, relative: Any, bristle: Any, friction
 
 @wp.func
 def even_friction_force(size: Any, normal: Any, relative: Any, bristle: Any, friction: Any, stretch_part: Any):
-    """Friction on a roller (vector) [N] with one coefficient at all speeds; see `friction_force`."""
+    """Friction on a roller (vector) [N] with one coefficient at all speeds, and its bristle's force [N]."""
     drag, holds = friction_force_of_coefficient(
         friction.mu_dynamic, size, normal, relative, bristle, friction, stretch_part
     )
@@ -146,7 +131,7 @@ def even_friction_force(size: Any, normal: Any, relative: Any, bristle: Any, fri
 
 @wp.func
 def sliding_coefficient(normal: Any, relative: Any, friction: Any):
-    """mu [-] at a contact's sliding speed; arguments as of `friction_force`."""
+    """Coefficient of friction mu [-] at a contact's sliding speed."""
     return friction_coefficient(wp.abs(sliding_speed(relative[0], relative[1], normal[0], normal[1])), friction)
 
 
@@ -160,7 +145,7 @@ def sliding_speed(relative_x: Any, relative_y: Any, normal_x: Any, normal_y: Any
 def friction_force_of_coefficient(
     mu: Any, size: Any, normal: Any, relative: Any, bristle: Any, friction: Any, stretch_part: Any
 ):
-    """Friction on a roller (vector) [N] for a given `mu`; see `friction_force`."""
+    """Friction on a roller (vector) [N] for a given `mu` [-], and its bristle's force [N]."""
     along = type(normal)(-normal[1], normal[0])
     speed = sliding_speed(relative[0], relative[1], normal[0], normal[1])
     drag, holds = bristle_friction(mu * size, speed, bristle, friction.spring, friction.damper, stretch_part)
@@ -171,7 +156,7 @@ def friction_force_of_coefficient(
 def dissipated_power(force: Any, relative: Any, acceleration: Any, lag: Any):
     """Power [W] of a contact's damper or friction, at the step's mean speeds.
 
-    `relative` [m/s] is the partner's point less the roller, `lag` [s] before the forces' instant.
+    `relative` [m/s] is of `lag` [s] before the forces' instant.
     """
     # with the speed before the step alone, the energy balance would drift
     return power_of_force(force[0], force[1], relative[0] + lag * acceleration[0], relative[1] + lag * acceleration[1])
@@ -199,7 +184,7 @@ def surface_velocity(body: Any, arm: Any):
 
 @wp.func
 def relative_acceleration(straight: Any, angular: Any, arm: Any, acceleration: Any):
-    """Acceleration [m/s^2] of a contact's relative velocity, without its centripetal part."""
+    """Acceleration [m/s^2] of a contact's relative velocity, its centripetal part aside."""
     x = multiply_add(-angular, arm[1], straight[0])
     return type(arm)(x - acceleration[0], multiply_add(angular, arm[0], straight[1]) - acceleration[1])
 

@@ -1,25 +1,20 @@
 """Hubs: arms that carry sprockets, friction in the sprockets' bearings, and arms that carry arms.
 
-A sprocket on an arm has its center at r = p + Rot(alpha) d, p the arm's pivot. The chain's force F acts on the arm at
-r, its moment on the sprocket alone:
+A sprocket on an arm, d from its pivot, takes moments, the arm the chain's force F:
 
     J omega' = M + load - Q,    (I + m d^2) alpha'' = r_d x F + Q + other moments,    r_d = Rot(alpha) d,    (a)
 
-with m, J its mass and inertia. Its bearing, of radius r_b, rubs by Q, at most mu_b r_b |F|, against omega - alpha'
-(omega without an arm), with a bristle (`friction`).
+with m, J its mass and inertia. Q, the friction moment of its bearing of radius r_b, is at most mu_b r_b |F|, against
+omega - alpha' (omega without an arm), with a bristle (`friction`).
 
-Arm 1 may carry arm 2, whose pivot is a point of arm 1. With d from pivot 1 to pivot 2, absolute angles and
-s = m_2 (r_c - p_2) of arm 2,
+Arm 1 may carry arm 2. With d from pivot 1 to pivot 2, absolute angles and s = m_2 (r_c - p_2) of arm 2,
 
     (I_1 + m_2 d^2) alpha_1 + d.s alpha_2 = M_1 + r_d x F_2 + w_2^2 (r_d x s)
     I_2 alpha_2 + d.s alpha_1 = M_2 - w_1^2 (r_d x s),                                                        (b)
 
-F_2 all forces on arm 2; its spring, damper and stops act on both arms, at alpha_2 - alpha_1. Several arms on arm 1 are
-eliminated one by one. Beside its mass at the pivot, the turning arm 2 leaves there
+F_2 all forces on arm 2. Beside its mass at the pivot, the turning arm 2 leaves there
 
-    F_2 + w_2^2 s - alpha_2 e_z x s,                                                                          (c)
-
-which what prescribes the pivot of arm 1 has to hold.
+    F_2 + w_2^2 s - alpha_2 e_z x s.                                                                          (c)
 """
 
 from typing import Any
@@ -34,7 +29,7 @@ from .mount import left_normal
 
 @wp.func
 def carried_body(body: Any, carrier: Any, hub: Any):
-    """A body's state with its center on the carrier's point that `hub` names."""
+    """A body's state with its center on its carrier, at the point that `hub` names."""
     lever = world_vector(hub.lever, carrier)
     body.center = carrier.center + lever
     body.velocity = carrier.velocity + number_of(leading_value(carrier.speed) * left_normal(leading_value(lever)))
@@ -44,7 +39,7 @@ def carried_body(body: Any, carrier: Any, hub: Any):
 
 @wp.func
 def relative_body(body: Any, carrier: Any):
-    """A body's state with angle and speed less those of its carrier."""
+    """A body's state with angle and speed relative to its carrier."""
     body.angle = body.angle - carrier.angle
     body.speed = body.speed - carrier.speed
     return body
@@ -58,9 +53,9 @@ def moment_about_pivot(lever: Any, force: Any):
 
 @wp.func
 def carried_arm_coefficients(lever: Any, s: Any, w1: Any, w2: Any, led: Any, moment: Any):
-    """Coefficients of (b): d.s [kg m^2], arm 2's right side and arm 1's last term [N m].
+    """Coefficients of a carried arm in (b): d.s [kg m^2], arm 2's right side and arm 1's last term [N m].
 
-    `lever` is d [m], `w1` and `w2` [rad/s], `led` the acceleration of arm 1's pivot [m/s^2], `moment` M_2 [N m].
+    `lever` is d [m], `led` arm 1's pivot acceleration, `moment` M_2.
     """
     across = moment_about_pivot(lever, s)
     right = moment - w1 * w1 * across - moment_about_pivot(s, led)
@@ -76,7 +71,7 @@ def eliminate_carried_arm(moment: Any, inertia: Any, terms: Any, inverse: Any):
 
 @wp.func
 def carried_arm_acceleration(angular: Any, terms: Any, inverse: Any):
-    """Angular acceleration alpha_2 [rad/s^2] of an arm carried by an arm, (b)."""
+    """Angular acceleration alpha_2 [rad/s^2] of a carried arm, (b)."""
     return inverse * (terms[1] - terms[0] * angular)
 
 
@@ -88,7 +83,7 @@ def pivot_force(speed: Any, angular: Any, s: Any):
 
 @wp.func
 def carried_arm_energy(speed: Any, s: Any, lever: Any, carrier: Any):
-    """Kinetic energy [J] of a carried arm by its pivot's moving with the carrier."""
+    """Kinetic energy [J] that a carried arm has by the motion of its pivot."""
     return speed * wp.dot(left_normal(s), carrier.velocity + carrier.speed * left_normal(lever))
 
 
@@ -96,7 +91,7 @@ def carried_arm_energy(speed: Any, s: Any, lever: Any, carrier: Any):
 def bearing_moment(force: Any, turning: Any, bristle: Any, hub: Any, stretch_part: Any):
     """Friction moment -Q [N m] of a sprocket's bearing, and what its bristle then holds [N m].
 
-    `force` [N] is the chain's, `turning` [rad/s] the speed less the arm's.
+    `force` is the chain's, `turning` relative to the arm [rad/s].
     """
     most = hub.bearing * wp.length(force)
     drag, bristle_after = bristle_friction(

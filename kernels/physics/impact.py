@@ -3,27 +3,16 @@
     hysteretic     F = K pen^n (1 + d min(v / v0, 1))     (Pedersen et al. 2004, eq. (15), (18), (19))
     Kelvin-Voigt   F = K pen^n + c v
 
-never adhesive (F >= 0); v0 is the approach speed at the contact's first instant, not below a floor; a roller in its
-seat may be pressed in faster. The elastic part E = K pen^n has the energy K pen^(n+1) / (n + 1); the rest dissipates.
-d or c by a restitution: `warpchain.drive.laws`.
+never adhesive (F >= 0); v0 is the approach speed at the contact's first instant, not below a floor. d or c by a
+restitution: `warpchain.drive.laws`.
 
-**Centered in time.** Leapfrog's speeds are half a step behind the forces. With c = E d / v0, or Kelvin-Voigt's, m the
-roller's mass and a the closing acceleration by all but this contact, the speed at the forces' instant solves
-v' = v + (h / 2) (a - F / m),
-
-    v' = (v + (h / 2) (a - E / m)) / (1 + h c / (2 m)),    F = max(0, E + c min(v', v0)).
-
-a has the partner's acceleration of the step before, so that a light body would answer all its contacts' dampers at once
-and gain energy. Each remembers the speed u_0 at which its damper acted then. With D = h c / (2 m) and G twice the
-body's answer if all its n seated rollers changed alike, 2 n m R^2 / J of a body of inertia J that turns (with the
-ratios of its train), n m d^2 / I of the arm and n m / M of the slider that carry it,
+Leapfrog's speeds are half a step behind the forces. With E = K pen^n, c = E d / v0 or Kelvin-Voigt's, m the roller's
+mass, a the closing acceleration by all but this contact and D = h c / (2 m), the damper acts at the speed u,
 
     u (1 + D (1 + G)) = v + (h / 2) (a - E / m) + D G u_0,    F = max(0, E + c min(u, v0)),                   (a)
 
-of second order in h, and stable for dampers and bodies of any size.
-
-A scheme with stages has the speed of the forces' instant; its damper is bounded where the step could not follow, by an
-error of fourth order:
+u_0 its speed in the step before and G twice the body's answer if all its n seated rollers changed alike: 2 n m R^2 / J
+of a body that turns, n m d^2 / I of the arm and n m / M of the slider that carry it. A scheme with stages bounds c to
 
     c / (1 + (c h / (2 m))^4)^(1/4).
 """
@@ -39,7 +28,7 @@ UNBOUNDED = 1.0e30
 
 @wp.func
 def elastic_force(penetration: Any, stiffness: Any, exponent: Any):
-    """K pen^n [N] of a contact, eq. (15) without damping; `penetration` > 0 [m]."""
+    """Elastic force K pen^n [N] of a contact, eq. (15); `penetration` > 0 [m]."""
     if exponent == type(exponent)(1.0):
         return stiffness * penetration
     return stiffness * wp.exp(exponent * wp.log(penetration))
@@ -47,7 +36,7 @@ def elastic_force(penetration: Any, stiffness: Any, exponent: Any):
 
 @wp.func
 def hysteretic_damper(elastic: Any, impact_speed: Any, damping: Any):
-    """Damper c [N s/m] of the hysteretic law, eq. (15), (18), (19), and speeds [m/s] that bound it.
+    """Damper c [N s/m] of the hysteretic contact law, eq. (15), (18), (19), and its bounds [m/s].
 
     `elastic` is K pen^n [N], `impact_speed` v0 [m/s], `damping` d [-].
     """
@@ -56,7 +45,7 @@ def hysteretic_damper(elastic: Any, impact_speed: Any, damping: Any):
 
 @wp.func
 def kelvin_voigt_damper(elastic: Any, impact_speed: Any, damping: Any):
-    """Damper c [N s/m] of the Kelvin-Voigt law, and speeds [m/s] that do not bound it."""
+    """Damper c [N s/m] of the Kelvin-Voigt contact law, and bounds [m/s] that do not act."""
     return damping, type(elastic)(-UNBOUNDED), type(elastic)(UNBOUNDED)
 
 
@@ -66,7 +55,7 @@ FORCES = (hysteretic_damper, kelvin_voigt_damper)
 
 @wp.func
 def law_damper(elastic: Any, impact_speed: Any, law: Any):
-    """Damper c [N s/m] of the law that `law` names, and speeds [m/s] that bound it."""
+    """Damper c [N s/m] of the contact law that `law` names, and speeds [m/s] that bound it."""
     damper, slowest, fastest = hysteretic_damper(elastic, impact_speed, law.damping)
     for form in range(1, wp.static(len(FORCES))):
         if law.form == form:
@@ -79,11 +68,7 @@ def law_damper(elastic: Any, impact_speed: Any, law: Any):
 
 @wp.func
 def law_at_roller(law: Any, relative_mass: Any, mobility: Any):
-    """A contact law for a roller of another mass than the chain's; both 1 leave every bit.
-
-    `relative_mass` is its mass over the chain's, `mobility` 1 over that. D is the roller's own; D G, what the body
-    answers, and so the bound of stages, 2 m / (h (1 + G)), follow.
-    """
+    """A contact law for a roller of `relative_mass` times the chain's mass, `mobility` 1 over that."""
     if law.most_damping > type(mobility)(0.0):
         one = type(mobility)(1.0)
         law.most_damping = law.most_damping * ((one + law.answer) / (mobility + law.answer))
@@ -96,12 +81,7 @@ def law_at_roller(law: Any, relative_mass: Any, mobility: Any):
 def contact_force(elastic: Any, speed: Any, growth: Any, impact_speed: Any, speed_before: Any, law: Any):
     """Normal force [N] of a contact law, never adhesive, and its damper's speed u [m/s], (a).
 
-    Args:
-        elastic: K pen^n [N].
-        speed: approach speed v [m/s].
-        growth: a, by all but this contact [m/s^2].
-        impact_speed: v0 [m/s].
-        speed_before: u_0 [m/s].
+    `elastic` is K pen^n [N], `speed` v, `growth` a, `impact_speed` v0, `speed_before` u_0 (SI).
     """
     damper, slowest, fastest = law_damper(elastic, impact_speed, law)
     one = type(elastic)(1.0)

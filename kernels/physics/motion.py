@@ -23,7 +23,7 @@ CELL_VALUES = wp.constant(5)
 
 @wp.func
 def table_cell(x: Any, table: Any):
-    """Cell of a motion's table at `x`, place in it, cells beyond the ends, and rounds."""
+    """Cell of a motion's table at `x`, place in it, cells beyond the ends, and rounds of a repeating table."""
     u = div(x - table.start, table.spacing)
     place = rounded_value(u)
     cells = type(place)(table.cells)
@@ -42,7 +42,7 @@ def table_cell(x: Any, table: Any):
 
 @wp.func
 def cubic_value(w: Any, c0: Any, c1: Any, c2: Any, c3: Any):
-    """Cubic c_0 + c_1 w + c_2 w^2 + c_3 w^3 of a table's cell."""
+    """Cubic c_0 + c_1 w + c_2 w^2 + c_3 w^3 of a motion table's cell."""
     return c0 + w * (c1 + w * (c2 + w * c3))
 
 
@@ -68,7 +68,7 @@ def table_slope(x: Any, table: Any, values: Any):
 
 @wp.func
 def table_derivatives(x: Any, table: Any, values: Any):
-    """Value, a number, and two rounded derivatives of a motion's table at `x`."""
+    """Value, a number, and two rounded derivatives of a motion's table at `x`; 0 without a table."""
     w = rounded_value(x)
     value = number_of(type(w)(0.0))
     slope = type(w)(0.0)
@@ -141,7 +141,7 @@ def prescribed_course(time: Any, motion: Any, ensemble: Any):
 
 @wp.func
 def phase_sine(harmonic: wp.vec3d):
-    """Sine of the phase of a prescribed rotation's harmonic, computed in float64."""
+    """Sine of the phase of a prescribed rotation's harmonic, in float64."""
     sine, cosine = sine_cosine(harmonic[2])
     return sine
 
@@ -190,7 +190,7 @@ def resisting_moment(torque: Any, speed: Any, sign: Any, load: Any):
 
 @wp.func
 def forward_angle(angle: Any, motion: Any):
-    """Forward angle phi_f [rad] of a body at an angle [rad]."""
+    """Forward angle phi_f [rad] of a rotating body at an angle [rad]."""
     return motion.sign * (angle - motion.start_angle)
 
 
@@ -205,10 +205,7 @@ def load_table_argument(time: Any, angle: Any, motion: Any):
 
 @wp.func
 def free_load_moment(time: Any, tabulated: Any, angle: Any, speed: Any, motion: Any, ensemble: Any):
-    """Load moment [N m], counter-clockwise, of a body free to turn.
-
-    `tabulated` is the table's part of T0 [N m].
-    """
+    """Load moment [N m], counter-clockwise, of a body free to turn; `tabulated` is its table's part of T0 [N m]."""
     torque = motion.load[0] + tabulated
     rows = motion.load_harmonics
     for j in range(rows.first, rows.first + rows.count):
@@ -231,6 +228,6 @@ def load_moment(time: Any, angle: Any, speed: Any, motion: Any, ensemble: Any):
 
 @wp.func
 def load_moment_at_speed(time: Any, load: Any, before: Any, speed: Any, motion: Any):
-    """Load moment [N m] of a body at `speed` from that at `before` [rad/s]."""
+    """Load moment [N m] of a body at `speed` from that, `load`, at `before` [rad/s]."""
     change = motion.load[1] * (speed - before) + motion.load[2] * (speed * wp.abs(speed) - before * wp.abs(before))
     return load - change * ramp(time, motion.load_ramp_time)

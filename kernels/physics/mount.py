@@ -3,14 +3,13 @@
 Prescribed, with a unit vector d:   r_s(t) = r_0 + d (offset + A sin(2 pi f t + phase)), or r_0 + (x, y) of a table over
 time. For an arm whose pivot is prescribed, (b) holds with q = m left(r_c - p) and its weight in the load.
 
-On springs and dampers, r_s the center, M = m_s + m_b the mass of sprocket and wheel, e the wheel's direction and tau
-that turned by +90 degrees, q = m_b r_b tau:
+On springs and dampers, M = m_s + m_b the mass of sprocket and wheel, e the wheel's direction and q = m_b r_b e turned
+by +90 degrees:
 
     M a + q alpha = contacts + M g + m_b r_b omega^2 e + preload - K (r_s - r_0) - C v_s      (a)
     I alpha + q . a = contact moment + load + q . g,      I = J + m_b r_b^2                   (b)
 
-With B = 1/M along the directions in which the center is free and a_0 the acceleration of a prescribed center, (a) is
-a = a_0 + B (F - q alpha), and (b) gives
+With B = 1/M along the free directions and a_0 the acceleration of a prescribed center,
 
     alpha = (N - q . (a_0 + B F)) / (I - q . B q).                                             (c)
 """
@@ -86,11 +85,8 @@ def mount_spring_force(displacement: Any, velocity: Any, mount: Any):
 def mount_accelerations(driven: Any, displacement: Any, body: Any, heading: Any, wrench: Any, turning: Any, mount: Any):
     """Accelerations of a mounted center (x, y) [m/s^2] and its body's angle [rad/s^2], (a) to (c).
 
-    Args:
-        driven: acceleration of a prescribed center, else 0 [m/s^2].
-        displacement: center from its home [m].
-        body: its angular velocity must be that of the instant.
-        turning: (1 if the angle is prescribed else 0, its acceleration [rad/s^2], load moment [N m]).
+    `driven` is the acceleration of a prescribed center, else 0; `turning` holds 1 if the angle is prescribed else 0,
+    its acceleration [rad/s^2] and the load moment [N m].
     """
     arm = wheel_arm(heading, mount)
     q = left_normal(arm)
@@ -107,7 +103,7 @@ def mount_accelerations(driven: Any, displacement: Any, body: Any, heading: Any,
 
 @wp.func
 def mount_energy(displacement: Any, body: Any, heading: Any, mount: Any):
-    """Kinetic and potential energy [J] of a body on its mount, with balance wheel."""
+    """Kinetic and potential energy [J] of a body on its mount, with its balance wheel."""
     half = type(body.speed)(0.5)
     arm = wheel_arm(heading, mount)
     energy = half * mount.mass * wp.dot(body.velocity, body.velocity) + half * mount.inertia * body.speed * body.speed
@@ -129,7 +125,7 @@ def holding_force(displacement: Any, body: Any, heading: Any, wrench: Any, rates
 
 @wp.func
 def prescribing_power(body: Any, heading: Any, holding: Any, rates: Any, prescribed: int, mount: Any):
-    """Power [W] that keeps a mount's center and balance wheel in prescribed motion, without contacts' work."""
+    """Power [W] that keeps a mount's center and balance wheel in prescribed motion, contacts' work aside."""
     power = type(rates[2])(0.0)
     if mount.moves == PRESCRIBED:
         power += wp.dot(holding, body.velocity)

@@ -1,18 +1,17 @@
 """Goods on a strand: mass that pins carry between two places, taken on there and left there.
 
-With s a pin's distance along the line from where the goods come on, l the length over which they lie, p the pitch and q
-their mass on one meter, a pin carries what lies within half a pitch of it:
+With s a pin's distance along the line from where goods come on, l the length over which they lie, p the pitch and q
+their mass on one meter, a pin carries
 
-    m_q = q p f,    f(s) = clamp(s / p + 1/2, 0, 1) - clamp((s - l) / p + 1/2, 0, 1)                              (1)
+    m_q = q p f,    f(s) = clamp(s / p + 1/2, 0, 1) - clamp((s - l) / p + 1/2, 0, 1).                             (1)
 
-Their weight and inertia are the pin's. Goods come on at a speed u along the line, of direction t, and are brought to
-the pin's velocity v; they fall off at that velocity. So where it gains the pin is held back by
+Goods come on at a speed u along the line, of direction t, and hold back a pin that gains mass by
 
-    F = -max(m_q', 0) (v - u t),    m_q' = q p (f(s + w) - f(s - w)) / h,    w = v . t h / 2                       (2)
+    F = -max(m_q', 0) (v - u t),    m_q' = q p (f(s + w) - f(s - w)) / h,    w = v . t h / 2.                      (2)
 
-with the mean rate over a step h, as f has kinks. Goods bring a power, less than nothing where they leave, of
+They bring a power, negative where they leave, of
 
-    m_q' (v^2 / 2 - g . x) + F . v                                                                                 (3)
+    m_q' (v^2 / 2 - g . x) + F . v.                                                                                (3)
 """
 
 from typing import Any
@@ -24,7 +23,7 @@ from ..native import dot
 
 @wp.func
 def load_places(position: Any, load: Any):
-    """Both terms of f before they are clamped, (1), and 1 where a pin is near enough to carry goods, else 0."""
+    """Both terms of a strand load's f before their clamps, (1), and 1 where a pin is near enough for goods, else 0."""
     away = position - load.start
     half = type(load.reach)(0.5)
     along = dot(away, load.direction)
@@ -35,7 +34,7 @@ def load_places(position: Any, load: Any):
 
 @wp.func
 def clamped_change(place: Any, part: Any):
-    """Change of clamp(x, 0, 1) from `part` before a place to as much after it."""
+    """Change of a strand load's clamp(x, 0, 1) from `part` before a place to as much after it."""
     zero, one = type(place)(0.0), type(place)(1.0)
     return wp.clamp(place + part, zero, one) - wp.clamp(place - part, zero, one)
 
@@ -50,7 +49,7 @@ def carried_relative_mass(position: Any, load: Any):
 
 @wp.func
 def feed_rate_and_force(position: Any, velocity: Any, step: Any, chain: Any):
-    """Rate at which a pin gains goods [kg/s], and the force on it of bringing them to its velocity [N], (2)."""
+    """Rate at which a pin gains goods [kg/s], and the force [N] that brings them to its velocity, (2)."""
     load = chain.load
     on, off, near = load_places(position, load)
     part = type(step)(0.5) * step * dot(velocity, load.direction) * load.per_pitch
@@ -62,7 +61,7 @@ def feed_rate_and_force(position: Any, velocity: Any, step: Any, chain: Any):
 
 @wp.func
 def goods_power(position: Any, velocity: Any, step: Any, chain: Any):
-    """Power [W] that goods bring to a pin, (3)."""
+    """Power [W] that goods on a strand bring to a pin, (3)."""
     rate, force = feed_rate_and_force(position, velocity, step, chain)
     half = type(rate)(0.5)
     return rate * (half * dot(velocity, velocity) - dot(chain.gravity, position)) + dot(force, velocity)

@@ -1,70 +1,54 @@
 """Chain tensioner: a plunger that pushes a body out, on a spring, on oil behind a check valve, with a ratchet.
 
-The plunger touches a body at r and pushes along a unit vector d fixed in space. With r_0 the place as drawn,
+The plunger touches a body at r, r_0 as drawn, and pushes along a fixed unit vector d:
 
     x = (r - r_0) . d,    x' = r' . d                                                           (1)
-
-and the force on the body along d is (the plunger's mass counts with the body)
-
     spring:     F = max(0, f_0 - k x - c x') + F_s                                              (2)
     hydraulic:  F = max(0, (P - P_0) A + f_0 - k x - c x') + F_s.                               (3)
 
-**Oil.** The chamber of volume V = V_0 + A x holds oil with a share a of air at the ambient pressure P_0, n = 1.4:
+**Oil** with a share a of air at the ambient pressure P_0, n = 1.4, in a chamber of volume V = V_0 + A x:
 
-    1/E(P) = (1/E_0 + (a/n) P_0^(1/n) P^(-1-1/n)) / (1 + a),    P' = (E/V) (Q - A x')           (4)
-
-with Q the flow into it, which conserves the mass M without flow:
-
+    1/E(P) = (1/E_0 + (a/n) P_0^(1/n) P^(-1-1/n)) / (1 + a)                                     (4)
     phi(P) = int dP/E = (P/E_0 - a (P_0/P)^(1/n)) / (1 + a)                                     (5)
     mu = ln(M) = phi(P) + ln(V/V_0),    M' = exp(phi) Q   (M in units of rho V_0 at phi = 0)    (6)
 
-So the pressure is a function P(mu, x), the oil between flows a spring of stiffness E A^2/V that conserves energy at
-any step. With z = (P/P_0)^(1/7), P = P_0 z^7 and (P_0/P)^(1/n) = z^-5. Where (6) gives less than the vapor pressure
-P_v, P = P_v and the volume V - V_0 exp(mu - phi(P_v)) is vapor. The state keeps z of the last step's end.
+Q is the flow into it. P follows from mu and x, by z = (P/P_0)^(1/7); below the vapor pressure P_v, P = P_v and the rest
+of the volume is vapor. The state keeps z of the last step's end.
 
-**Flows.** Through the gap, and through valves of lift y while dP > 0, P_s - P of the check valve and P - P_0 of relief
-valve and vent, which has no spring and is always open:
+**Flows** through gap, check valve (dP = P_s - P), relief valve and vent (dP = P - P_0), of lift y:
 
     Q = Q_cv - Q_leak - Q_relief - Q_vent,    Q_leak = G (P - P_0) + (pi d h / 2) x'            (7)
     y = clip((dP A_b - F_0) / k_cv, 0, y_max),    S = C_d pi y (2 r_B tan(g) + y sin(g) / cos(g)^2)
-    Q_cv = S_e sqrt(2 dP / rho),    1/S_e^2 = 1/S^2 + 1/A_b^2                                   (8)
+    Q_cv = S_e sqrt(2 dP / rho),    1/S_e^2 = 1/S^2 + 1/A_b^2,    below 5 kPa linear in dP.     (8)
 
-(below 5 kPa linear in dP), the seat's hole A_b in series with the ball's curtain S. Flows are stiff, so a step of
-length h takes them at its end, after the body has moved, by one equation for P, rising with P:
+A step of length h takes flows at its end, after the body has moved:
 
     phi(P) + ln((V - h Q(P)) / V_0) = mu before the step.                                       (9)
 
-**Drained start.** Until oil has filled a chamber that starts with air, the air moves freely, at P_0 for P_v, and no
-oil goes out.
+Until oil has filled a drained chamber, air moves freely, at P_0 for P_v, and no oil goes out.
 
-**Energy.** Oil at P has a volume exp(-phi) a unit of M, and
+**Energy.** Of a unit of M, and of all oil,
 
     u = int (p - P_0) exp(-phi) dphi from P_0 to P,    H = u + (P - P_0) exp(-phi)              (10)
-    U = M u - (P - P_0) (V - M exp(-phi))                                                       (11)
+    U = M u - (P - P_0) (V - M exp(-phi)).                                                      (11)
 
-is stored (the bracket is the vapor): -dU/dx = (P - P_0) A, dU/dM = H. A mass dM that comes in takes H(P_s) dM from the
-supply, of which the valve loses (H(P_s) - H(P)) dM; one that goes out loses H(P) dM. With phi = q - b of oil and air,
-integrated term by term,
+dM in takes H(P_s) dM from the supply, of which the valve loses (H(P_s) - H(P)) dM; dM out loses H(P) dM. With
+phi = q - b of oil and air,
 
     u = K(P) - K(P_0) + P_0 (exp(-phi) - exp(-phi_0)),
     K = P sum (5 j - 7 i)/(7 (i + 1) - 5 j) (-q)^i/i! b^j/j!.                                   (10a)
 
-**Ratchet.** Of pitch a and backlash s, x_max the farthest x so far: a stop of stiffness k_s and damping c_s holds the
-plunger below
+**Ratchet** of pitch a and backlash s, x_max the farthest x so far, x_b the chamber's bottom:
 
-    x_s = max(a floor(x_max / a) - s, x_b),    F_s = max(0, k_s (x_s - x) - c_s x') while x < x_s;   (12)
+    x_s = max(a floor(x_max / a) - s, x_b),    F_s = max(0, k_s (x_s - x) - c_s x') while x < x_s.   (12)
 
-x_b is the chamber's bottom, the stop without a ratchet.
-
-**Dampers and suction.** With E = (P - P_0) A + f_0 - k x, dampers of spring and stop take
+**Losses.** With E = (P - P_0) A + f_0 - k x, dampers of spring and stop take
 
     (E - max(0, E - c x')) x' + (k_s max(0, x_s - x) - F_s) x' >= 0.                            (13)
 
-Where E < 0, oil and spring would draw the plunger back; it follows the body all the same, and what that takes,
+The plunger follows its body even where E < 0, by an outside work (suction) of
 
-    -E x'   while E < 0 and E - c x' <= 0,                                                      (14)
-
-is work of nothing in the drive, and no loss.
+    -E x'   while E < 0 and E - c x' <= 0.                                                      (14)
 """
 
 import math
@@ -110,7 +94,7 @@ LEAST_OIL_SHARE = 1e-6
 """Least share of oil in a drained tensioner chamber."""
 
 DEGREES = (12, 4, 2, 1, 0, 0, 0)
-"""Degrees of eq. (10a) in b, for each power of q; pressed, q b = (a / E_0) P_0 z^2 is small."""
+"""Degrees of eq. (10a) in b, for each power of q."""
 SERIES = [
     [
         (5 * j - 7 * i) / (7 * (i + 1) - 5 * j) * (-1) ** i / math.factorial(i) / math.factorial(j)
@@ -129,7 +113,7 @@ def plunger_arm(body: Any, tensioner: Any):
 
 @wp.func
 def plunger_extension(center: Any, arm: Any, tensioner: Any):
-    """Extension x [m] of a tensioner's plunger, eq. (1), at `arm` [m] from the body's center."""
+    """Extension x [m] of a tensioner's plunger, eq. (1); `arm` [m] is from the body's center."""
     q = center + arm - tensioner.home
     d = tensioner.direction
     return component(q, 0) * component(d, 0) + component(q, 1) * component(d, 1)
@@ -137,7 +121,7 @@ def plunger_extension(center: Any, arm: Any, tensioner: Any):
 
 @wp.func
 def extension_rate(arm: Any, speed: Any, velocity: Any, tensioner: Any):
-    """Extension rate x' [m/s] of a tensioner on a moving body, eq. (1)."""
+    """Extension rate x' [m/s] of a tensioner's plunger on a moving body, eq. (1)."""
     return wp.dot(velocity + speed * type(velocity)(-arm[1], arm[0]), leading_value(tensioner.direction))
 
 
@@ -180,10 +164,7 @@ def oil_compression(z: Any, tensioner: Any):
 
 @wp.func
 def supply_pressure(time: Any, forward: Any, tensioner: Any, tables: Any):
-    """Oil supply pressure P_s [Pa] of a tensioner by its table over time or pump speed.
-
-    `forward` is the speed of what turns the pump [rad/s].
-    """
+    """Oil supply pressure P_s [Pa] of a tensioner, tabulated over time or pump speed `forward` [rad/s]."""
     x = time
     if tensioner.supply_table.over_angle == OVER_SPEED:
         x = number_of(forward)
@@ -199,7 +180,7 @@ def valve_lift(drop: Any, valve: Any):
 
 @wp.func
 def valve_flow(drop: Any, valve: Any, tensioner: Any):
-    """Oil flow [m^3/s] through a tensioner's valve at drop dP [Pa], and derivative, eq. (8)."""
+    """Oil flow [m^3/s] through a tensioner's valve at drop dP [Pa], and its derivative, eq. (8)."""
     zero = type(drop)(0.0)
     two = type(drop)(2.0)
     flow = zero
@@ -245,14 +226,14 @@ def net_inflow(flows: Any):
 
 @wp.func
 def chamber_filling(x: wp.float64, state: Any, tensioner: Any):
-    """Volume V [m^3] of a tensioner's chamber and mu - ln(V/V_0) of its oil, eq. (6)."""
+    """Volume V [m^3] of a tensioner's chamber and mu - ln(V/V_0) of its oil, eq. (6), in float64."""
     volume = chamber_volume(x, tensioner)
     return volume, state.content - wp.log(quotient(volume, tensioner.volume))
 
 
 @wp.func
 def chamber_filling(x: Pair, state: Any, tensioner: Any):
-    """Volume V [m^3] of a tensioner's chamber and mu - ln(V/V_0) of its oil, from pairs."""
+    """Volume V [m^3] of a tensioner's chamber and mu - ln(V/V_0) of its oil, eq. (6), from pairs."""
     reach = x
     if x.high < tensioner.bottom:
         reach = number_of(tensioner.bottom)
@@ -262,7 +243,7 @@ def chamber_filling(x: Pair, state: Any, tensioner: Any):
 
 @wp.func
 def exponential(x: Any):
-    """exp(x) for a tensioner's oil, by a polynomial where |x| is small."""
+    """exp(x) for a tensioner's oil, to round-off."""
     one = type(x)(1.0)
     value = one
     if wp.abs(x) < type(x)(wp.static(SMALL_EXPONENT)):
@@ -275,12 +256,9 @@ def exponential(x: Any):
 
 @wp.func
 def flow_imbalance(z: Any, content: Any, per_volume: Any, rate: Any, t: Any):
-    """Residual of a tensioner's oil balance (9) at z, times any factor, its derivative, flows and derivatives.
+    """Residual of a tensioner's oil balance (9) at z, times any factor, its derivative, flows and their derivatives.
 
-    Args:
-        content: mu - ln(V/V_0).
-        per_volume: h / V [s/m^3]; 0 leaves eq. (6).
-        rate: x' [m/s].
+    `content` is mu - ln(V/V_0), `per_volume` h / V (0 leaves eq. (6)), `rate` x'.
     """
     phi, slope = oil_compression(z, t)
     rest = phi - content
@@ -301,22 +279,19 @@ def flow_imbalance(z: Any, content: Any, per_volume: Any, rate: Any, t: Any):
 
 @wp.func
 def newton_tolerance(z: wp.float64):
-    """Newton step of z at which a tensioner's oil pressure is solved in float64."""
+    """Newton step of z at which a tensioner's oil pressure is solved, in float64."""
     return wp.float64(1e-6) * z
 
 
 @wp.func
 def newton_tolerance(z: wp.float32):
-    """Newton step of z at which a tensioner's oil pressure is solved in float32."""
+    """Newton step of z at which a tensioner's oil pressure is solved, in float32."""
     return 1.0e-4 * z
 
 
 @wp.func
 def solve_root(content: Any, per_volume: Any, rate: Any, near: Any, floor: Any, tensioner: Any):
-    """z of a tensioner's oil by eq. (9), at least `floor`, and flows [m^3/s] there.
-
-    Arguments as of `flow_imbalance`; `near` is a first guess of z.
-    """
+    """z of a tensioner's oil by eq. (9), at least `floor`, and flows [m^3/s] there; `near` is a first guess."""
     low = type(near)(0.0)
     high = type(near)(wp.static(LARGEST_ROOT))
     z = near
@@ -360,9 +335,9 @@ def pressure_root_before(state: Any, tensioner: Any):
 
 @wp.func
 def chamber_pressure(x: Any, kept: bool, state: Any, tensioner: Any):
-    """Oil pressure P(mu, x) [Pa] of a tensioner, eq. (6); ambient without oil.
+    """Oil pressure P [Pa] of a tensioner, eq. (6); ambient without oil.
 
-    `kept`: x is where the last step ended, so that z is known.
+    `kept`: x is that of the last step's end.
     """
     pressure = tensioner.ambient
     if tensioner.hydraulic == 1:
@@ -387,7 +362,7 @@ def elastic_plunger_force(x: Any, pressure: Any, tensioner: Any):
 
 @wp.func
 def stop_place(state: Any, tensioner: Any):
-    """Extension x_s [m] of a tensioner below which ratchet or bottom pushes, eq. (12)."""
+    """Extension x_s [m] of a tensioner below which its ratchet or bottom pushes, eq. (12)."""
     place = tensioner.bottom
     pitch = tensioner.ratchet_pitch
     if pitch > type(pitch)(0.0):
@@ -409,7 +384,7 @@ def stop_force(x: Any, rate: Any, state: Any, tensioner: Any):
 def tensioner_force(x: Any, rate: Any, kept: bool, state: Any, tensioner: Any):
     """Force F >= 0 [N] of a tensioner along d, and oil pressure P [Pa], eq. (2), (3).
 
-    `rate` is x' [m/s]; `kept` as in `chamber_pressure`.
+    `rate` is x'; `kept` as in `chamber_pressure`.
     """
     pressure = chamber_pressure(x, kept, state, tensioner)
     push = elastic_plunger_force(x, pressure, tensioner) - tensioner.damping * rate
@@ -418,19 +393,19 @@ def tensioner_force(x: Any, rate: Any, kept: bool, state: Any, tensioner: Any):
 
 @wp.func
 def zero_push(tensioner: Tensioner):
-    """`structs.Push` of a tensioner that does not push, in float64."""
+    """Push (`structs.Push`) of a tensioner without force, in float64."""
     return Push()
 
 
 @wp.func
 def zero_push(tensioner: BLOCKS.Tensioner):
-    """`structs.Push` of a tensioner that does not push, on float32 blocks."""
+    """Push (`structs.Push`) of a tensioner without force, on a float32 block."""
     return BLOCKS.Push()
 
 
 @wp.func
 def tensioner_push(body: Any, kept: bool, remembered: Any, tensioner: Any):
-    """Force of a tensioner on its body and its moment (`structs.Push`)."""
+    """Force and moment of a tensioner on its body (`structs.Push`)."""
     arm = plunger_arm(body, tensioner)
     lever = leading_value(arm)
     push = zero_push(tensioner)
@@ -446,10 +421,7 @@ def tensioner_push(body: Any, kept: bool, remembered: Any, tensioner: Any):
 
 @wp.func
 def plunger_losses(push: Any, rate: Any, state: Any, tensioner: Any):
-    """Power [W] of a tensioner's dampers, eq. (13), and of suction, eq. (14).
-
-    `rate` is x' [m/s] at the instant of `push`.
-    """
+    """Power [W] of a tensioner's dampers, eq. (13), and of suction, eq. (14), at `rate` x'."""
     zero = type(rate)(0.0)
     elastic = elastic_plunger_force(push.extension, push.pressure, tensioner)
     pushed = wp.max(elastic - tensioner.damping * rate, zero)
@@ -520,7 +492,7 @@ def tensioner_energy(x: Any, pressure: Any, state: Any, tensioner: Any):
 
 @wp.func
 def plunger_losses_at_extension(x: wp.float64, rate: wp.float64, state: TensionerState, tensioner: Tensioner):
-    """Powers [W] of a tensioner's dampers and suction, eq. (13), (14), at an extension."""
+    """Power [W] of a tensioner's dampers, eq. (13), and of suction, eq. (14), at an extension x [m]."""
     push = Push()
     push.extension = x
     push.pressure = chamber_pressure(x, True, state, tensioner)
@@ -530,7 +502,7 @@ def plunger_losses_at_extension(x: wp.float64, rate: wp.float64, state: Tensione
 
 @wp.func
 def resting_state(x: wp.float64, tensioner: Tensioner):
-    """State of a tensioner at rest at extension x [m], the ratchet latched."""
+    """State of a tensioner at rest at extension x [m], its ratchet latched."""
     state = TensionerState()
     state.farthest = x
     if tensioner.hydraulic == 1:
@@ -546,19 +518,19 @@ def resting_state(x: wp.float64, tensioner: Tensioner):
 
 @wp.func
 def zero_flows(h: wp.float64):
-    """Tensioner's flows before any, in float64."""
+    """Flows of a tensioner's oil before any, in float64."""
     return TensionerFlows()
 
 
 @wp.func
 def zero_flows(h: wp.float32):
-    """Tensioner's flows before any, in float32."""
+    """Flows of a tensioner's oil before any, in float32."""
     return BlockFlows()
 
 
 @wp.func
 def add_flow_energies(flows: Any, before: Any, z: Any, tensioner: Any):
-    """Flows of a tensioner's oil in a step with their energies [J], `z` after it."""
+    """Flows of a tensioner's oil in a step with their energies [J]; z is `before` and `z` after it."""
     # at the mean z, work on the plunger and what is stored, lost and supplied differ by O(h^2)
     phi, slope = oil_compression(z, tensioner)
     density = exponential(phi)
@@ -575,7 +547,7 @@ def add_flow_energies(flows: Any, before: Any, z: Any, tensioner: Any):
 
 @wp.func
 def advance_oil(x: Any, rate: Any, h: Any, metered: bool, state: Any, tensioner: Any):
-    """State of a tensioner's oil after a step, eq. (9), and flows, with energies where `metered`."""
+    """State of a tensioner's oil after a step, eq. (9), and its flows, with energies where `metered`."""
     before = pressure_root_before(state, tensioner)
     if state.unfilled > type(h)(0.0):
         tensioner.drag = type(rate)(0.0)
@@ -607,9 +579,9 @@ def advance_oil(x: Any, rate: Any, h: Any, metered: bool, state: Any, tensioner:
 
 @wp.func
 def advance_tensioner(x: Any, rate: Any, h: Any, metered: bool, state: Any, tensioner: Any):
-    """State of a tensioner a step later, once its body has moved, and its oil's flows.
+    """State of a tensioner a step after its body has moved, and its oil's flows, with energies where `metered`.
 
-    `x` [m] is after the step, `rate` [m/s] its mean; `metered`: with energies of flows.
+    `rate` is x' as the step's mean.
     """
     flows = zero_flows(h)
     if tensioner.hydraulic == 1:

@@ -7,20 +7,16 @@ With e the outward direction of seat j, tau = e turned by +90 degrees, q = r - s
     flank     else, straight:              pen = |eta| sin(b) - xi cos(b) - Rc,     n = (cos(b), -sign(eta) sin(b))
     tip       where it is the smaller:     pen = R_tip + Rr - |r|,                  n = r / |r|
 
-b is half the seating angle, Rc the roller's clearance in its seat. Curve and normal are continuous, so that no energy
-is gained.
-
-A convex flank ("iso606") is an arc of radius re tangent to the seat arc. With c = 1 / (re + Rr), s the straight flank's
-penetration, t = xi sin(b) + |eta| cos(b) along it and c h = (1 - c s, c t) from the arc's center, across and along,
+b is half the seating angle, Rc the roller's clearance in its seat. For a convex flank ("iso606") of radius re, with
+c = 1 / (re + Rr), s the straight flank's penetration, t = xi sin(b) + |eta| cos(b) and c h = (1 - c s, c t),
 
     pen = 1/c - |h| = (2 s - c (s^2 + t^2)) / (1 + c |h|),    n = h / |h|.
 
 At float32, d the seat's direction at angle zero, xi and eta are components of
 
-    q = (r - c) - u,    u = R (cos theta d_x - sin theta d_y, sin theta d_x + cos theta d_y).                 (a)
+    q = (r - c) - u,    u = R (cos theta d_x - sin theta d_y, sin theta d_x + cos theta d_y),                 (a)
 
-High parts of R cos theta, R sin theta and d are on grids of 2^-12 of a power of two above R and 1: their products and
-sums are exact, and the error is 2^-37 R.
+within 2^-37 R, by grids on which products of high parts are exact.
 """
 
 from typing import Any
@@ -34,7 +30,7 @@ from .contact import rotated_vector
 
 @wp.func
 def wrapped_seat(seat: int, teeth: int):
-    """Seat number at most a revolution off, brought to 0 to `teeth` - 1."""
+    """Seat number of a sprocket, 0 to `teeth` - 1, from one at most a revolution off."""
     if seat < 0:
         seat = seat + teeth
     if seat >= teeth:
@@ -55,7 +51,7 @@ def nearest_seat(r: Any, cosine: Any, sine: Any, teeth: int):
 def seat_step(radial: Any, lateral: Any, half_pitch_tangent: Any):
     """+1 or -1 where a sprocket's next or last seat is nearer by angle, else 0.
 
-    `radial` = r . e, `lateral` = r . tau [m]; `half_pitch_tangent` = tan(pi / z).
+    `half_pitch_tangent` is tan(pi / z).
     """
     limit = half_pitch_tangent * radial
     if lateral > limit:
@@ -67,7 +63,7 @@ def seat_step(radial: Any, lateral: Any, half_pitch_tangent: Any):
 
 @wp.func
 def tipless_gap(xi: Any, lateral: Any, gap: Any):
-    """Penetration [m] of a roller in a tooth gap without tips, and normal along e, tau."""
+    """Penetration [m] of a roller in a tooth gap without tips, and its normal along e, tau."""
     zero = type(xi)(0.0)
     one = type(xi)(1.0)
     eta = wp.abs(lateral)
@@ -120,7 +116,7 @@ def straight_flank_gap(xi: Any, lateral: Any, gap: Any):
 
 @wp.func
 def is_beyond_tip(penetration: Any, xi: Any, lateral: Any, gap: Any):
-    """Whether a roller in a tooth gap, `penetration` [m] deep, is less deep in the tip."""
+    """Whether a roller in a tooth gap, `penetration` [m] deep, is less deep in a tooth's tip."""
     if penetration > -gap.law.ahead:
         radial = gap.pitch_radius + xi
         limit = wp.max(gap.tip_reach - penetration, type(xi)(0.0))
@@ -130,7 +126,7 @@ def is_beyond_tip(penetration: Any, xi: Any, lateral: Any, gap: Any):
 
 @wp.func
 def tip_gap(xi: Any, lateral: Any, gap: Any):
-    """Penetration [m] of a roller in a tooth's tip, and normal along e, tau."""
+    """Penetration [m] of a roller in a tooth's tip, and its normal along e, tau."""
     radial = gap.pitch_radius + xi
     square = products(radial, radial, lateral, lateral)
     inverse = inverse_root(square)
@@ -139,10 +135,7 @@ def tip_gap(xi: Any, lateral: Any, gap: Any):
 
 @wp.func
 def tooth_gap(xi: Any, lateral: Any, gap: Any):
-    """Penetration [m] of a roller in a tooth gap, and normal along e, tau, eq. (5)-(8).
-
-    `xi` = q . e, `lateral` = q . tau [m]; `gap` is `structs.Sprocket`.
-    """
+    """Penetration [m] of a roller in a tooth gap, tips included, and its normal along e, tau, eq. (5)-(8)."""
     penetration, along, across = tipless_gap(xi, lateral, gap)
     at = wp.vector(penetration, along, across)
     if is_beyond_tip(penetration, xi, lateral, gap):
@@ -161,7 +154,7 @@ def grid_value(value: wp.float32, magic: wp.float32):
 
 @wp.func
 def grid_product(part: Pair, radius: Pair, magic: wp.float32):
-    """R cos theta or R sin theta [m] of a sprocket, high part on its grid."""
+    """R cos theta or R sin theta [m] of a sprocket's tooth gaps, its high part on the grid of `magic`."""
     high = grid_value(radius.high * part.high, magic)
     low = fused_multiply_add(radius.high, part.high, -high) + products(radius.high, part.low, radius.low, part.high)
     return pair(high, low)
@@ -169,7 +162,7 @@ def grid_product(part: Pair, radius: Pair, magic: wp.float32):
 
 @wp.func
 def grid_magic(radius: wp.float32):
-    """The `magic` of `grid_value` for a sprocket's pitch radius [m]: a grid of 2^-12 of the power of two above."""
+    """Magic number of `grid_value` for a sprocket's pitch radius [m]: a grid of 2^-12 of the power of two above."""
     return 3072.0 * wp.pow(2.0, wp.floor(wp.log2(radius)) + 1.0)
 
 
@@ -177,7 +170,7 @@ def grid_magic(radius: wp.float32):
 def gap_coordinates(p: wp.vec2d, direction: wp.vec2d, body: Any, sprocket: Any):
     """Direction e of a tooth gap's seat, and r . e, xi, eta [m] of a roller, in float64.
 
-    `p` is r - c [m], `direction` the seat's at angle zero, `body` the sprocket's pose.
+    `p` is r - c [m], `direction` the seat's at angle zero.
     """
     e = rotated_vector(direction, body.cosine, body.sine)
     radial = dot(p, e)
@@ -206,10 +199,7 @@ def gap_coordinates(p: PairVector, direction: wp.vec4f, body: Any, sprocket: Any
 
 @wp.func
 def tracked_seat_from(p: Any, number: int, direction: Any, body: Any, sprocket: Any, seats: Any):
-    """Seat of a roller in a sprocket from seat `number`, with direction e, xi and eta [m].
-
-    It is at most two seats away; `direction` is that of seat `number` at angle zero.
-    """
+    """Seat of a roller in a sprocket, at most two from seat `number`, with direction e, xi and eta [m]."""
     e, radial, xi, lateral = gap_coordinates(p, direction, body, sprocket)
     step = seat_step(radial, lateral, type(radial)(sprocket.half_pitch_tangent))
     tries = int(2)  # a loop, which the GPU's compiler leaves where it is: most rollers have no use for it
@@ -230,7 +220,7 @@ def tracked_seat_from(p: Any, number: int, direction: Any, body: Any, sprocket: 
 def tracked_seat(p: Any, kept: int, body: Any, sprocket: Any, seats: Any):
     """Seat of a roller in a sprocket from the step before's, with direction e, xi and eta [m].
 
-    `p` is r - c [m]; `kept` < 0: found by angle; `seats`: directions at angle zero.
+    `p` is r - c [m]; with `kept` < 0 the seat is found by angle.
     """
     number = kept
     if number < 0:
@@ -240,7 +230,7 @@ def tracked_seat(p: Any, kept: int, body: Any, sprocket: Any, seats: Any):
 
 @wp.func
 def relative_tooth_velocity(omega: Any, arm: Any, v: Any):
-    """Velocity [m/s] of a sprocket's point, `arm` [m] from its center, less a roller's."""
+    """Velocity [m/s] of a sprocket's tooth, `arm` [m] from its center, less a roller's."""
     return type(arm)(multiply_add(-omega, arm[1], -v[0]), multiply_add(omega, arm[0], -v[1]))
 
 
@@ -248,7 +238,7 @@ def relative_tooth_velocity(omega: Any, arm: Any, v: Any):
 def tooth_contact(arm: Any, v: Any, omega: Any, e: Any, xi: Any, lateral: Any, sprocket: Any):
     """Penetration [m], normal and relative velocity [m/s] of a roller in its tooth gap, eq. (5)-(14).
 
-    `arm` [m] and `v` [m/s] are less the sprocket's center's; `e`, `xi`, `lateral`: `gap_coordinates`.
+    `arm` [m] and `v` [m/s] are the roller's from the sprocket's center.
     """
     penetration, normal_radial, normal_lateral = tooth_gap(xi, lateral, sprocket)
     return penetration, rotated_vector(e, normal_radial, normal_lateral), relative_tooth_velocity(omega, arm, v)

@@ -3,25 +3,22 @@
 Bodies that a shaft or gears tie are a train, of which body b turns rho_b times as fast as the first. With M_b the
 moment of contacts, load, motor and couplings on body b,
 
-    (sum rho^2 J) q'' = sum rho M,    alpha_b = rho_b q'',                                                (a)
+    (sum rho^2 J) q'' = sum rho M,    alpha_b = rho_b q''.                                                (a)
 
-as if alone with the inertia sum rho^2 J / rho_b^2 under the moment sum rho M / rho_b. A pair of gears passes on to the
-bodies B beyond it, the first of which turns with alpha_b,
+A pair of gears passes on to the bodies B beyond it, the first of which turns with alpha_b,
 
     T = J_B alpha_b - sum_B rho M / rho_b,    J_B = sum_B rho^2 J / rho_b^2.                              (b)
 
-A coupling of the twist e = q_1 - q_2 passes on to its second body, and takes from its first,
+A coupling of the twist e = q_1 - i q_2 - e_0, at a ratio i, takes from its first body
 
-    M = k d + c e',    d = e - b above b, e + b below -b,    M = 0 in between.                            (c)
+    M = k d + c e',    d = e - b above b, e + b below -b,    M = 0 in between,                            (c)
 
-With a ratio i in use e = q_1 - i q_2 - e_0, and the second gets i M. i changes at stated times, with e then 0 and
-k d^2 / 2 lost; at i = 0 it is open. A clutch bears |M| <= C and slips where k |d| would be above that:
+and passes on i M to its second. As i changes, k d^2 / 2 is lost; at i = 0 it is open. A clutch bears |M| <= C and
+slips where k |d| would be above that:
 
     e_0' = e' where k d = C and e' > 0, or k d = -C and e' < 0, else 0,    C |e_0'| lost.                   (d)
 
-A freewheel bears 0 <= w M <= C only: by (d) it slips the other way under no moment, and locks without twist. The first
-body may be the ground, whose q_1 is 0: a brake is a clutch to the ground, a backstop a freewheel. C may hang on |q_1'|,
-to the ground on |q_2'|. Ratio, e_0 and C are those of a step's start.
+A freewheel of way w bears 0 <= w M <= C. q_1 is 0 where the first body is the ground.
 
 A motor's moment is min(M_0 + M(omega), P / omega) forward, with its limits M_0 and P and its table. Its governor
 multiplies it by min(max(1 + (omega_0 - omega) / B, 0), f), P aside.
@@ -42,7 +39,7 @@ OVER_SPEED = wp.constant(2)
 
 @wp.func
 def motor_moment(time: Any, angle: Any, speed: Any, motor: Any, motion: Any, tables: Any):
-    """Moment [N m] of a shaft's motor, counter-clockwise; 0 where prescribed or without one."""
+    """Moment [N m] of a shaft's motor, counter-clockwise; 0 without one or with a prescribed angle."""
     forward = motion.sign * leading_value(speed)
     torque = motor.torque
     if motor.present == 0 or motion.prescribed == 1:
@@ -114,7 +111,7 @@ def moment_bounds(coupling: Any, engaged: Any):
 
 @wp.func
 def clutch_capacity(time: Any, first: Any, second: Any, coupling: Any, tables: Any):
-    """Moment [N m] that a clutch bears, by its table of time or speed."""
+    """Moment [N m] that a clutch bears at most, by its table of time or speed."""
     x = time
     if coupling.engagement.over_angle == OVER_SPEED:
         x = number_of(wp.abs(leading_value(first.speed)))
@@ -132,7 +129,7 @@ def coupling_energy(twist: Any, coupling: Any):
 
 @wp.func
 def coupling_loss(twist: Any, rate: Any, coupling: Any, engaged: Any):
-    """Power [W] that a coupling's damper takes, with what bounding its moment changes."""
+    """Power [W] lost in a coupling by its damper and the bounds of its moment."""
     over = coupling_moment(twist, rate, coupling, engaged) - unbounded_moment(twist, rate, coupling)
     return wp.max(coupling_damping(twist, coupling) * rate * rate + over * rate, type(rate)(0.0))
 
@@ -174,7 +171,7 @@ def coupling_state(time: Any, first: Any, second: Any, before: Any, coupling: An
 
 @wp.func
 def own_body_energy(energy: wp.float64, speed: wp.float64, motion: Any):
-    """Energy [J] of a train's body by its own inertia alone."""
+    """Energy [J] of a train's body by its own inertia alone, from `energy` by the train's."""
     if motion.prescribed == 0:
         others = wp.float64(motion.own_inertia) - wp.float64(1.0) / wp.float64(motion.inverse_inertia)
         energy = energy + wp.float64(0.5) * speed * speed * others

@@ -1,19 +1,17 @@
 """Valve trains: cams on a body that lift followers of mass m against springs F_0 + k l.
 
-Each valve has the lift l(phi), phi the forward angle of its body since the start less the valve's phase. With
-J_e = J + sum m l'^2, w the speed of the body and M all other moments,
+Each valve has the lift l(phi), phi the forward angle of its body less the valve's phase. With J_e = J + sum m l'^2,
+w the speed of the body and M all other moments,
 
-    d/dt (J_e w) = J_e' w^2 / 2 - sum (F_0 + k l) l' + M,                                                 (a)
+    d/dt (J_e w) = J_e' w^2 / 2 - sum (F_0 + k l) l' + M.                                                 (a)
 
-so that m (l' w)^2 / 2 and F_0 l + k l^2 / 2 are its energies. Cam and follower press on each other with
+Cam and follower press on each other with
 
-    N = F_0 + k l + m (l'' w^2 + l' w'),    sum N l' the torque against forward rotation,                  (b)
+    N = F_0 + k l + m (l'' w^2 + l' w'),    sum N l' the torque against forward rotation;                  (b)
 
-and below 0 the follower would lift off. Over a leapfrog step from w_- to w_+ (a) has w_- w_+ for w^2,
+below 0 the follower would lift off. Over a leapfrog step
 
-    J_e (w_+ - w_-) = h (M - sum (F_0 + k l) l') - h (J_e' / 2) w_- w_+,                                  (c)
-
-linear in w_+, of second order and reversible in time, so that energy does not drift.
+    J_e (w_+ - w_-) = h (M - sum (F_0 + k l) l') - h (J_e' / 2) w_- w_+.                                  (c)
 """
 
 from typing import Any
@@ -33,7 +31,7 @@ def cam_angle(angle: Any, phase: Any, valve: Any, motion: Any):
 
 @wp.func
 def cam_lift(angle: Any, k: int, valve: Any, motion: Any, tables: Any):
-    """Lift of a valve group's `k`-th cam [m] and two derivatives by angle, rounded."""
+    """Lift [m] of the `k`-th cam of a valve group and two derivatives by angle, rounded."""
     turned = cam_angle(angle, tables[valve.first_phase + k], valve, motion)
     lift, slope, bend = table_derivatives(turned, valve.lift, tables)
     return wp.vector(valve.height * leading_value(lift), valve.height * slope, valve.height * bend)
@@ -41,7 +39,7 @@ def cam_lift(angle: Any, k: int, valve: Any, motion: Any, tables: Any):
 
 @wp.func
 def add_cam(cam: Any, at: Any, valve: Any):
-    """Inertia and moment of a body's valves with one more cam's, of lift `at`."""
+    """Inertia and moment of a body's valves with one more cam's, whose lift is `at`."""
     half = type(valve.mass)(0.5)
     lift, slope, bend = at[0], at[1], at[2]
     cam.inertia = cam.inertia + valve.count * valve.mass * slope * slope
@@ -70,7 +68,7 @@ def valve_inertia_share(speed: Any, kick: Any, cam: Any, motion: Any):
 def constant_inertia_moment(moment: Any, speed: Any, kick: Any, cam: Any, motion: Any):
     """Moment [N m] that turns a body without its valves' inertia as `moment` with them, (c).
 
-    `speed` [rad/s] is half a step behind by leapfrog; `kick` is its step [s], else 0.
+    `kick` is leapfrog's step [s], else 0.
     """
     if motion.prescribed == 1:
         return moment
@@ -93,10 +91,7 @@ def zero_valve_load(valve: Any):
 
 @wp.func
 def add_cam_load(load: Any, at: Any, speed: Any, angular: Any, valve: Any):
-    """Torque [N m] of a valve group and least force [N] on a follower, (b), with one more cam.
-
-    `at` is the cam's lift; `speed` [rad/s] and `angular` [rad/s^2] are the body's.
-    """
+    """Torque [N m] of a valve group and least force [N] on a follower, (b), with one more cam of lift `at`."""
     lift, slope, bend = at[0], at[1], at[2]
     force = valve.preload + valve.stiffness * lift
     force = force + valve.mass * (bend * speed * speed + valve.sign * slope * angular)

@@ -22,7 +22,7 @@ if KERNELS.is_file():
 
 
 def _is_warp_started() -> bool:
-    """Whether Warp runs already, as far as known."""
+    """Whether Warp runs already."""
     return getattr(sys.modules.get("warp._src.context"), "runtime", None) is not None
 
 
@@ -52,13 +52,7 @@ def _init_warp() -> None:
 
 
 def start_warp(precompiled: bool = True) -> None:
-    """Starts Warp, once, without its messages.
-
-    A program that wants these starts Warp itself (`warp.init()`).
-
-    Args:
-        precompiled: False does without precompiled headers, of which the CUDA compiler may warn.
-    """
+    """Starts Warp, once, silently; CUDA's compiler may warn of `precompiled` headers."""
     import warp as wp
 
     if _is_warp_started():
@@ -77,7 +71,7 @@ def start_warp(precompiled: bool = True) -> None:
 
 @contextlib.contextmanager
 def _silenced_stderr() -> Iterator[None]:
-    """Context that discards what this process writes to standard error."""
+    """Context that discards this process's standard error."""
     sys.stderr.flush()
     kept, nowhere = os.dup(2), os.open(os.devnull, os.O_WRONLY)
     try:

@@ -1,8 +1,4 @@
-"""Table of an ensemble's arrays, `ARRAYS`, from which they are packed, cast, uploaded, summed up and kept.
-
-A new array is a row of the table; a new field of a struct of `kernels.structs` needs nothing here. `Engine` is what
-steps an ensemble.
-"""
+"""Table of an ensemble's arrays, `ARRAYS`, from which they are packed, cast, uploaded, summed up and kept."""
 
 from __future__ import annotations
 
@@ -23,7 +19,7 @@ from warpchain.kernels.precision import as_float32, as_float64
 from warpchain.kernels.statistics import BINS, NOTES
 
 SPARE_LENGTHS = 4096
-"""Lengths after the last link, for idle block threads."""
+"""Link lengths after the last, for idle block threads."""
 
 
 @dataclass(frozen=True)
@@ -62,7 +58,7 @@ DIMENSIONS = {
 
 
 def first_places(drives: NDArray[Any]) -> dict[str, NDArray[np.int64]]:
-    """Places (variants + 1,) of variants' first items, by dimension."""
+    """Places (variants + 1,) of variants' first items in arrays, by dimension."""
     return {
         name: np.append(0, np.cumsum(kind.count(drives).astype(np.int64), dtype=np.int64))
         for name, kind in DIMENSIONS.items()
@@ -70,7 +66,7 @@ def first_places(drives: NDArray[Any]) -> dict[str, NDArray[np.int64]]:
 
 
 def fill_first_places(drives: NDArray[Any]) -> NDArray[Any]:
-    """Fills places of first items into `structs.Drive`, returned."""
+    """Fills places of first items into `structs.Drive` rows; returns these."""
     for name, places in first_places(drives).items():
         if DIMENSIONS[name].first:
             drives[DIMENSIONS[name].first] = places[:-1]
@@ -90,7 +86,7 @@ class ArrayRow:
 
 
 def padded_lengths(packed: Any, blocks: bool) -> NDArray[Any]:
-    """Lengths of links, and of `SPARE_LENGTHS` more."""
+    """Link lengths of an ensemble, and `SPARE_LENGTHS` more."""
     return np.append(packed.lengths, np.ones(SPARE_LENGTHS))
 
 
@@ -203,7 +199,7 @@ PACKED_ARRAYS = {
 
 @cache
 def array_type(group: str, name: str, real: type, blocks: bool = False) -> Any:
-    """Warp type of an array's values, on CPU or in `blocks`."""
+    """Warp type of an array's values, on the CPU or in `blocks`."""
     kinds = structs.types(real, blocks)
     of_group = {
         "ensemble": kinds.Ensemble,
@@ -230,7 +226,7 @@ def array_lengths(drives: NDArray[Any], group: str) -> dict[str, int]:
 
 
 def _upload_array(packed: Any, group: str, name: str, device: str, blocks: bool) -> wp.array:
-    """Device copy of an array's first values."""
+    """Device copy of a packed array."""
     row, kind = ARRAYS[group][name], array_type(group, name, packed.real, blocks)
     paired = blocks and packed.precision == "float32"
     values = (
@@ -253,7 +249,7 @@ def assign_values(array: wp.array, values: NDArray[Any]) -> None:
 
 
 def upload_ensemble(packed: Any, device: str, blocks: bool = False) -> Any:
-    """Constant data of a run (`structs.types(...).Ensemble`) on a device."""
+    """Constant data of an ensemble (`structs.Ensemble`) on a device."""
     kinds = structs.types(packed.real, blocks)
     ensemble = kinds.Ensemble()
     for name in ARRAYS["ensemble"]:
@@ -262,10 +258,9 @@ def upload_ensemble(packed: Any, device: str, blocks: bool = False) -> Any:
 
 
 def upload_state(packed: Any, device: str, large: tuple[int, int] | None = None) -> Any:
-    """Initial state (`structs.types(...).State`) on a device.
+    """Initial state of an ensemble (`structs.State`) on a device.
 
-    Args:
-        large: values, and values of parts, that block kernels keep in global memory.
+    `large`: values, and values of parts, in global memory.
     """
     blocks = large is not None
     state = structs.types(packed.real, blocks).State()
@@ -289,7 +284,7 @@ def upload_state(packed: Any, device: str, large: tuple[int, int] | None = None)
 
 
 def empty_sums(packed: Any, device: str, blocks: bool = False) -> Any:
-    """Sums (`types(...).Sums`) of nothing: minima at +infinity, maxima at -infinity."""
+    """Empty sums of an ensemble (`structs.Sums`): minima at +infinity, maxima at -infinity."""
     sums = structs.types(packed.real, blocks).Sums()
     for name, count in array_lengths(packed.drives, "sums").items():
         struct = array_type("sums", name, packed.real, blocks)
@@ -316,7 +311,7 @@ def sums_bytes(packed: Any) -> int:
 
 
 def empty_tallies(packed: Any, device: str) -> structs.Tallies:
-    """Tallies of the block kernels, of nothing."""
+    """Empty tallies of the block kernels."""
     tallies = structs.Tallies()
     for name, count in array_lengths(packed.drives, "tallies").items():
         setattr(tallies, name, wp.zeros(count, dtype=array_type("tallies", name, packed.real), device=device))
@@ -324,7 +319,7 @@ def empty_tallies(packed: Any, device: str) -> structs.Tallies:
 
 
 class FrameSource(Protocol):
-    """Source of one launch's frames."""
+    """Frames of one launch, on any device."""
 
     def numpy(self) -> NDArray[np.floating]:
         """Frames of a launch in the host's memory."""
@@ -332,33 +327,30 @@ class FrameSource(Protocol):
 
 
 class Engine(ABC):
-    """Engine that steps an ensemble: `cpu.CpuEngine` or `gpu.GpuEngine`.
-
-    Its changing arrays have the groups and names of `ARRAYS`.
-    """
+    """Engine that steps an ensemble: `cpu.CpuEngine` or `gpu.GpuEngine`."""
 
     packed: Any
     has_own_steps = False
-    """Whether variants may differ in steps of a launch."""
+    """Whether an engine's variants may differ in steps of a launch."""
 
     @abstractmethod
     def advance(self, steps: Any, frames: Any) -> list[Future[None]]:
-        """Starts `steps` steps of every variant, frames going to `frames`.
+        """Starts a launch of `steps` steps of every variant, frames going to `frames`.
 
-        `steps` is a number, or (variants,) where the engine `has_own_steps`.
+        `steps` may be (variants,) where the engine `has_own_steps`.
         """
 
     @abstractmethod
     def start_settling(self, settling: NDArray[Any]) -> None:
-        """Sets the state of each variant's relaxation, `kernels.relaxation.Settling`."""
+        """Sets each variant's settling state, `kernels.relaxation.Settling`, in the engine."""
 
     @abstractmethod
     def settle(self, steps: int) -> list[Future[None]]:
-        """Starts up to `steps` relaxation steps of every variant."""
+        """Starts up to `steps` settling steps of every variant."""
 
     @abstractmethod
     def settling_states(self) -> NDArray[Any]:
-        """Copy (variants,) of the relaxation's states."""
+        """Copy (variants,) of the engine's settling states."""
 
     @abstractmethod
     def frame_buffer(self, values: int, wanted: NDArray[np.integer] | None = None) -> FrameSource:
@@ -366,7 +358,7 @@ class Engine(ABC):
 
     @abstractmethod
     def changing_structs(self) -> dict[str, Any]:
-        """Changing structs of the engine by group."""
+        """Engine's changing structs by group."""
 
     @abstractmethod
     def fetch_array(self, group: str, name: str) -> NDArray[Any]:
@@ -374,38 +366,38 @@ class Engine(ABC):
 
     @abstractmethod
     def set_array(self, group: str, name: str, values: NDArray[Any]) -> None:
-        """Sets an engine's array, from values as of `fetch_array`."""
+        """Sets an engine's array from values as of `fetch_array`."""
 
     @abstractmethod
     def sums(self) -> dict[str, NDArray[Any]]:
-        """Sums of the window, by name."""
+        """Engine's sums of the window, by name."""
 
     @abstractmethod
     def set_constants(self, name: str, values: NDArray[Any]) -> None:
-        """Sets an array of the ensemble's constant data, between launches, from values in the CPU's types."""
+        """Sets an array of an engine's constants between launches."""
 
     def stage_tables(self, first: int) -> None:  # noqa: B027
         """Has the tables from value `first` on, those of inputs, ready to be set between launches at little cost."""
 
     def constants_view(self, name: str) -> NDArray[Any] | None:
-        """An array of the ensemble's constant data where kernels read it, in the CPU's types; None of a GPU's."""
+        """View of an array of an engine's constants, None on a GPU."""
         return None
 
     def diverged_view(self) -> NDArray[Any] | None:
-        """Whether each row has diverged (rows,), where kernels write it; None of a GPU's."""
+        """View (rows,) of an engine's divergences, None on a GPU."""
         return None
 
     @abstractmethod
     def close(self) -> None:
-        """Waits for what runs, and frees threads and memory."""
+        """Waits for the engine's launches, and frees threads and memory."""
 
     def take_steps(self, steps: int | NDArray[np.integer], frames: Any) -> None:
-        """Takes all rows, or each (rows,), so many steps on, frames going to `frames`, and waits for them."""
+        """Takes `steps` steps of all rows, or of each (rows,), and waits; frames go to `frames`."""
         for future in self.advance(steps, frames):
             future.result()
 
     def copy_state(self) -> dict[tuple[str, str], NDArray[Any]]:
-        """Copies of all changing arrays, in the device's types."""
+        """Copies of an engine's changing arrays, in the device's types."""
         return {
             (group, name): np.array(getattr(struct, name).numpy(), copy=True)
             for group, struct in self.changing_structs().items()
@@ -413,18 +405,18 @@ class Engine(ABC):
         }
 
     def restore_state(self, arrays: Mapping[tuple[str, str], NDArray[Any]]) -> None:
-        """Sets all changing arrays from copies of `copy_state`."""
+        """Sets an engine's changing arrays from `copy_state`."""
         for (group, name), values in arrays.items():
             getattr(self.changing_structs()[group], name).assign(values)
 
     def rollers(self) -> NDArray[np.floating]:
-        """Copy of the rollers' rows."""
+        """Copy of an engine's roller rows."""
         return self.fetch_array("state", "rollers")
 
     def bodies(self) -> NDArray[Any]:
-        """Copy of the bodies' states."""
+        """Copy of an engine's body states."""
         return self.fetch_array("state", "bodies")
 
     def progress(self) -> NDArray[Any]:
-        """Copy (variants,) of `structs.Progress`: next step, whether diverged."""
+        """Copy (variants,) of an engine's progress: next step, whether diverged."""
         return self.fetch_array("state", "progress")

@@ -56,12 +56,12 @@ def has_profile_face(model: ChainModel, g: int) -> bool:
 
 
 def piece_count(model: ChainModel) -> int:
-    """Number of a drive's rows of `structs.Piece`."""
+    """Number of a drive's rows of `structs.Piece`, for profiled guides."""
     return sum(len(model.profile(g).pieces) + 1 for g in range(len(model.guides)) if has_profile_face(model, g))
 
 
 def fill_profile_face(row: Any, pieces: Any, first: int, model: ChainModel, g: int) -> int:
-    """Fills profiled guide g into `structs.Guide`; returns rows used."""
+    """Fills the face of profiled guide g into `structs.Guide`; returns pieces used."""
     profile, arm = model.profile(g), model.arm_of(g)
     origin = np.zeros(2) if arm is None else np.asarray(model.arms[arm].pivot)  # the same for all of a stack
     row["body"] = GROUND if arm is None else model.first_arm_body + arm
@@ -95,15 +95,15 @@ def _fill_face_box(row: Any, profile: Profile, origin: NDArray[np.float64], offs
 
 
 def guide_effective_mass(model: ChainModel, g: int) -> float:
-    """Effective mass [kg] of a roller that slides on a guide."""
+    """Effective mass [kg] of a roller that slides on guide g."""
     arm = model.arm_of(g)
     return model.chain.mass if arm is None else arm_effective_mass(model, arm)
 
 
 def arm_effective_mass(model: ChainModel, a: int) -> float:
-    """Effective mass m_e [kg] of a roller on an arm.
+    """Effective mass m_e [kg] of a roller on arm a: 1/m_e = 1/m + (n r^2 + sum z d^2) / I.
 
-    With n rollers on its faces at reach r, and z on sprockets d from its pivot: 1/m_e = 1/m + (n r^2 + sum z d^2) / I.
+    n rollers are on its faces at reach r, z on sprockets d from its pivot.
     """
     square = squared_levers(model, a, [sprocket.teeth for sprocket in model.sprockets])
     return 1.0 / (1.0 / model.chain.mass + square / model.arm_inertia(a))
@@ -162,7 +162,7 @@ def fill_place_tables(row: Any, table: PlaceTable | None, tables: TableList) -> 
 
 
 def fill_pivot_row(row: Any, model: ChainModel, a: int, tables: TableList) -> None:
-    """Fills the `structs.Mount` of an arm whose pivot is led."""
+    """Fills the `structs.Mount` of an arm whose pivot is prescribed."""
     arm = model.arms[a]
     row["active"], row["moves"], row["home"] = 1, PRESCRIBED, array_of_columns(arm.pivot)
     fill_place_tables(row, arm.pivot_table, tables)
@@ -175,7 +175,7 @@ STOP_DAMPING = 0.3
 
 
 def fill_tensioner_row(row: Any, model: ChainModel, t: int, tables: TableList) -> None:
-    """Fills the `structs.Tensioner` of a drive's tensioner t."""
+    """Fills the `structs.Tensioner` of tensioner t."""
     tensioner, body = model.tensioners[t], model.tensioner_body(t)
     row["body"] = body
     arm = body - model.first_arm_body
@@ -269,12 +269,12 @@ def fill_train_counts(row: Any, model: ChainModel) -> None:
 
 
 def is_tied(model: ChainModel) -> bool:
-    """Whether a drive has trains or valves."""
+    """Whether a drive's bodies are tied in trains or by valves."""
     return has_trains(model) or bool(model.valves)
 
 
 def fill_train_row(row: Any, model: ChainModel, b: int) -> None:
-    """Fills a body's turning in its train into `structs.Motion`."""
+    """Fills the train of a body b into `structs.Motion`."""
     if b >= model.first_arm_body:
         row["train"] = -1
         return
@@ -289,7 +289,7 @@ def fill_shaft_row(row: Any, h: int, assembly: Assembly) -> None:
 
 
 def fill_motor_row(row: Any, model: ChainModel, h: int, tables: TableList) -> None:
-    """Fills the motor of shaft h; zero without one."""
+    """Fills the `structs.Motor` of shaft h; zero without one."""
     motor, b = model.shafts[h].motor, len(model.sprockets) + h
     if motor is None:
         return
@@ -308,7 +308,7 @@ def fill_motor_row(row: Any, model: ChainModel, h: int, tables: TableList) -> No
 
 
 def fill_coupling_row(row: Any, model: ChainModel, c: int, tables: TableList) -> None:
-    """Fills the `structs.Coupling` c."""
+    """Fills the `structs.Coupling` of coupling c."""
     coupling = model.couplings[c]
     first, second = coupled_bodies(model, coupling)
     row["first"], row["second"] = GROUND if coupling.is_grounded else first, second
@@ -336,7 +336,7 @@ def fill_coupling_state(row: Any, model: ChainModel, c: int, assembly: Assembly)
 
 
 def fill_valve_row(row: Any, model: ChainModel, v: int, tables: TableList) -> None:
-    """Fills the row of valve group v."""
+    """Fills the `structs.ValveGroup` of valve group v."""
     valves = model.valves[v]
     body = body_names(model).index(valves.on)
     phases = [math.radians(phase) for phase in valves.phases]
@@ -350,7 +350,7 @@ def fill_valve_row(row: Any, model: ChainModel, v: int, tables: TableList) -> No
 
 
 def fill_gear_row(row: Any, model: ChainModel, g: int) -> None:
-    """Fills the row of gear pair g."""
+    """Fills the `structs.Gear` of gear pair g."""
     gear, side = model.gears[g], bodies_beyond_gear(model, g)
     body = body_names(model).index(gear.between[1])
     bodies, ratios = train_of_body(model, body)

@@ -1,6 +1,6 @@
-"""Rows of packed ensembles: one for each chain of each variant, those of a variant one after the other.
+"""Chain rows of packed ensembles: one for each chain of each variant, those of a variant one after the other.
 
-Each chain is packed and settled by itself; then bodies of one shaft or train are tied together.
+Each chain is packed and settled alone; then bodies of one shaft or train are tied.
 """
 
 from __future__ import annotations
@@ -28,13 +28,13 @@ from warpchain.results.schedule import Schedules
 
 
 class ChainRows:
-    """Rows of variants, one for each chain.
+    """Chain rows of variants.
 
     Attributes:
         variants: (V,) models of the drives.
         first_rows: (V + 1,) row of each variant's first chain, and the end.
-        models: (rows,) the chain of each row.
-        stacks: stacks of these.
+        models: (rows,) the chains.
+        stacks: of these.
     """
 
     def __init__(self, drives: Sequence[Drive], stacks: Sequence[Stack[Drive]]) -> None:
@@ -51,23 +51,23 @@ class ChainRows:
 
     @cached_property
     def variant_of_row(self) -> NDArray[np.int64]:
-        """Variant (rows,) of each row."""
+        """Variant (rows,) of each chain row."""
         return np.repeat(np.arange(len(self.drives)), np.diff(self.first_rows))
 
     def rows_of_variants(self) -> Iterator[tuple[int, int]]:
-        """Yields the first row of each variant, and where its rows end."""
+        """Yields the first chain row of each variant, and the end."""
         yield from pairwise(self.first_rows.tolist())
 
     def schedules_by_row(self, schedules: Schedules) -> Schedules:
-        """Schedules of variants, repeated for each of their rows."""
+        """Schedules of variants, repeated for each of their chain rows."""
         return schedules[self.variant_of_row]
 
     def numbers_by_row(self, numbers: NDArray[np.int64]) -> NDArray[np.int64]:
-        """Numbers (rows,) in the run of each row's variant."""
+        """Numbers (rows,) in the run of chain rows' variants."""
         return numbers[self.variant_of_row]
 
     def layout_faults(self, layouts: Sequence[Sequence[str]]) -> Sequence[tuple[str, ...]]:
-        """Faults of the variants' layouts, from those of rows."""
+        """Layout faults of variants, from those of their chain rows."""
         named = [
             tuple(f"{model.name}: {line}" if model.name else line for line in lines)
             for model, lines in zip(self.models, layouts, strict=True)
@@ -77,7 +77,7 @@ class ChainRows:
     def variant_ends(
         self, rows: VariantEnds[ChainModel], schedules: Sequence[Any], stacks: Sequence[Stack[Drive]]
     ) -> VariantEnds[Drive]:
-        """Final states of variants, from those of their rows."""
+        """Final states of variants, from those of their chain rows."""
         first, causes = self.first_rows[:-1], rows.causes or [""] * len(self.models)
         return VariantEnds(
             self.drives,
@@ -91,10 +91,7 @@ class ChainRows:
         )
 
     def couple_chains(self, packed: PackedEnsemble, numbers: NDArray[np.int64] | None = None) -> None:
-        """Ties the chains of each variant in `packed`, in float64.
-
-        Args:
-            numbers: of variants in the run, for errors.
+        """Ties the chains of each variant in `packed`, in float64; `numbers` are for errors.
 
         Raises:
             DriveError: chains that cross in one plane.
@@ -110,7 +107,7 @@ class ChainRows:
             fill_step_dependence(packed)
 
     def _couple_chains_of(self, packed: PackedEnsemble, v: int, a: int, b: int) -> None:
-        """Ties the chains of variant v, rows from `a` to `b`."""
+        """Ties the chains of variant v, rows `a` to before `b`."""
         variant, rows = self.variants[v], packed.drives
         rows["chains"][a:b] = [b - a, *[0] * (b - a - 1)]
         begin = int(rows["first_body"][a])
@@ -160,11 +157,11 @@ TRAIN_FIELDS = (
     "drive_harmonics",
     "drive_table",
 )
-"""Fields of `structs.Motion` that bodies of a train share."""
+"""Fields of `structs.Motion` that bodies of a train share over chains."""
 
 
 def _tie_body_to(packed: PackedEnsemble, home: int, body: int) -> None:
-    """Makes `body` turn as the same shaft's body in another chain."""
+    """Ties `body` to `home` of the same shaft in another chain."""
     motions = packed.motions
     motions["shaft_offset"][body], motions["own_inertia"][home] = home - body, 0.0
     for name in TRAIN_FIELDS:
@@ -175,10 +172,7 @@ def _tie_body_to(packed: PackedEnsemble, home: int, body: int) -> None:
 
 
 def _sum_contacts_over_chains(packed: PackedEnsemble, members: Sequence[ChainSprocket]) -> None:
-    """Fills a train's contact mobility and effective mass over chains.
-
-    1/m_e = 1/m + sum of z times the mobility of a point, as in `struct_rows.tooth_effective_mass`.
-    """
+    """Fills a train's contact mobility and effective mass (`struct_rows.tooth_effective_mass`) over chains."""
     rows, _, sprockets = (np.array(of) for of in zip(*members, strict=True))
     sum_mobility_over_chains(packed, rows, sprockets)
     mass, stopped = packed.chains["mass"][rows], packed.tooth_friction["inertia"]

@@ -1,10 +1,7 @@
 """Checkpoints: states of variants within a run, from which a longer run continues bit by bit.
 
-A variant's state is kept before the last step of its window that is a multiple of `DIVERGENCE_CHECK`. A longer run
-continues
-
-- with the sums, where its window begins at the same step, and samples and notes agree;
-- without them, on a CPU, where its window begins later.
+Each is of the last multiple of `DIVERGENCE_CHECK` in the window. A longer run continues with the sums where its window
+begins at the same step, and samples and notes agree; without them, on a CPU, where it begins later.
 """
 
 from __future__ import annotations
@@ -84,7 +81,7 @@ class States:
     used: list[bool] = field(default_factory=list)
 
     def prepare(self, count: int) -> None:
-        """Makes room for the states of so many variants.
+        """Prepares for checkpoints of so many variants.
 
         Raises:
             SimulationError: not one state a variant to begin with.
@@ -118,7 +115,7 @@ def latest_stop_step(schedule: Schedule) -> int:
 
 
 def has_usable_sums(kept: VariantState, schedule: Schedule) -> bool:
-    """Whether a run can take over a checkpoint's sums."""
+    """Whether a run can continue with a checkpoint's sums."""
     first, last = kept.facts["window"]
     if (
         kept.facts.get("look_every", LOOK_EVERY) != schedule.sample_interval
@@ -150,7 +147,7 @@ def _is_usable(kept: VariantState, drive: Drive, schedule: Schedule, run: str) -
 
 
 def _is_on_cpu(run: str) -> bool:
-    """Whether `run`, precision and device, is on a CPU."""
+    """Whether a checkpoint's `run`, precision and device, is on a CPU."""
     return run.endswith("cpu")
 
 
@@ -195,7 +192,7 @@ class StateKeeper:
         self._ends: dict[int, dict[str, Any]] = {}
 
     def drives_to_settle(self) -> list[Drive]:
-        """Drives, unsettled if they continue from a checkpoint."""
+        """Drives of a run, unsettled if they continue from a checkpoint."""
         settled = {"settle": False}
         return [
             drive if kept is None else drive.model_copy(update={"run": drive.run.model_copy(update=settled)})
@@ -203,7 +200,7 @@ class StateKeeper:
         ]
 
     def take_over_settling(self, packed: PackedEnsemble, settled: NDArray[Any], left: NDArray[np.float64]) -> None:
-        """Takes box and settling over from checkpoints, and notes new ones."""
+        """Takes boxes and settling from checkpoints, and notes new ones."""
         for v, kept in enumerate(self.begin):
             if kept is not None:
                 facts = kept.facts
@@ -267,7 +264,7 @@ def _variant_places(packed: PackedEnsemble) -> dict[tuple[str, str], NDArray[np.
 
 
 def _variant_bytes(arrays: Arrays, places: Mapping[tuple[str, str], NDArray[np.int64]], v: int) -> bytes:
-    """Bytes of a variant's part of a checkpoint's arrays."""
+    """Bytes of variant v in a checkpoint's arrays."""
     parts = (values[places[name][v] : places[name][v + 1]] for name, values in arrays.items())
     return b"".join(repack_fields(part, recurse=True).tobytes() for part in parts)
 
@@ -279,10 +276,10 @@ def _set_variant(
     kept: VariantState,
     schedule: Schedule,
 ) -> None:
-    """Sets a variant's part of all arrays from its checkpoint.
+    """Sets variant v in all arrays from its checkpoint.
 
     Raises:
-        SimulationError: the state is of another layout.
+        SimulationError: a state of another layout.
     """
     sums, at = has_usable_sums(kept, schedule), 0
     for name, values in arrays.items():

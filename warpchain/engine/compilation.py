@@ -1,7 +1,4 @@
-"""Compilation of kernels that Warp's cache lacks: the CPU's in threads, a GPU's in processes of their own.
-
-CUDA's compiler takes one kernel at a time in a process. What fails there is compiled, with its error, when loaded.
-"""
+"""Compilation of kernels that Warp's cache lacks: the CPU's in threads, a GPU's in processes."""
 
 from __future__ import annotations
 
@@ -26,12 +23,12 @@ if TYPE_CHECKING:
     import warp as wp
 
 POLL_INTERVAL = 0.05
-"""Seconds between two looks at threads or processes."""
+"""Seconds between two polls of compiling threads or processes."""
 
 
 @contextlib.contextmanager
 def load_cpu_kernels(modules: Sequence[Any], report: ProgressReport) -> Iterator[None]:
-    """Context that loads the CPU's kernels in threads."""
+    """Context that compiles and loads the CPU's kernels in threads."""
     import warp as wp
 
     lacking = sum(not is_cached(module, "cpu", 1) for module in modules)
@@ -40,7 +37,7 @@ def load_cpu_kernels(modules: Sequence[Any], report: ProgressReport) -> Iterator
         loads = last_first[::-1]
 
         def wait_for(some: Sequence[Future[Any]]) -> None:
-            """Waits for some of the modules, reporting progress; raises their errors."""
+            """Waits for some kernels' modules, reporting progress; raises their errors."""
             going = True
             while going:
                 going = bool(wait(some, timeout=POLL_INTERVAL).not_done)
@@ -59,7 +56,7 @@ PORTABLE_PROCESSOR = "x86-64-v3"
 
 
 def portable_object(kernel: wp.Kernel) -> tuple[Path, str]:
-    """Object file of a CPU kernel for any `PORTABLE_PROCESSOR`, compiled unless Warp's cache has it, and its symbol."""
+    """Object file of a CPU kernel for any `PORTABLE_PROCESSOR`, compiled if need be, and its symbol."""
     import warp as wp
 
     module = kernel.module
@@ -83,12 +80,12 @@ class KernelSpec(NamedTuple):
 
     @property
     def module(self) -> Any:
-        """Warp module of the kernel alone."""
+        """Warp module of the specified kernel alone."""
         return self.factory(*self.arguments).module
 
 
 def is_cached(module: Any, device: str, threads: int) -> bool:
-    """Whether Warp's kernel cache has a module."""
+    """Whether Warp's cache has a kernel's module."""
     try:
         return _cache_path(module, device, threads).exists()
     except (AttributeError, TypeError):
@@ -96,7 +93,7 @@ def is_cached(module: Any, device: str, threads: int) -> bool:
 
 
 def _cache_path(module: Any, device: str, threads: int) -> Path:
-    """File of Warp's cache for a module."""
+    """File of Warp's cache for a kernel's module."""
     import warp as wp
 
     name = module._get_compile_output_name(wp.get_device(device), block_dim=threads)
@@ -115,7 +112,7 @@ class CompileJob:
 
 
 def compile_jobs(wanted: Iterable[KernelSpec], device: str) -> Iterator[CompileJob]:
-    """Jobs for the GPU kernels that Warp's cache lacks."""
+    """Compile jobs for the GPU kernels that Warp's cache lacks."""
     import warp as wp
 
     from warpchain.engine.own_laws import added_laws
@@ -133,13 +130,7 @@ def compile_jobs(wanted: Iterable[KernelSpec], device: str) -> Iterator[CompileJ
 
 
 def compile_in_processes(jobs: Sequence[CompileJob], cores: int, report: ProgressReport, stop: StopRequest) -> None:
-    """Compiles kernels in processes, until a stop is asked for.
-
-    A single one is left to the caller.
-
-    Args:
-        jobs: those that take longest first.
-    """
+    """Compiles kernels in processes, longest jobs first, until a stop is asked for; the caller has a single one."""
     left = list({job.path: job for job in jobs}.values())
     processes: list[tuple[CompileJob, subprocess.Popen[bytes]]] = []
     count, running = len(left), 0

@@ -1,11 +1,9 @@
-"""Contact mobility of bodies under the dampers of all their contacts at once: G of `kernels.physics.impact`.
-
-All contact forces change closing accelerations by the body's mobility: (R + b)^2 / J of a sprocket with its train, 1 /
-M of a center on springs, r^2 / I of an arm. With n rollers seated,
+"""Contact mobility of bodies under the dampers of all their contacts at once: G of `kernels.physics.impact`,
 
     G = 2 m sum n (mobility),
 
-over the train and all that an arm carries, a trace above all eigenvalues.
+with n rollers seated, over the train and all that an arm carries. Mobilities are (R + b)^2 / J of a sprocket with its
+train, 1 / M of a center on springs, r^2 / I of an arm.
 """
 
 from __future__ import annotations

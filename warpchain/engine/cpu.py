@@ -89,12 +89,12 @@ class CpuEngine(Engine):
     def _launch(
         self, name: str, before: list[Any], after: list[Any], begin: int = 0, end: int | None = None
     ) -> list[Future[None]]:
-        """Launches a CPU kernel over variants from `begin` to `end`, by default all, on the pool."""
+        """Launches a CPU kernel over variants `begin` to before `end`, by default all."""
         kernel, end = self._kernel(name), self.variants if end is None else end
         group = max(1, -(-(end - begin) // (8 * self.workers)))
 
         def work(first: int) -> None:
-            """Launches the kernel over a group of variants from `first` on."""
+            """Launches the CPU kernel over a group of variants."""
             scratch = self._scratch.get()
             try:
                 count = min(group, end - first)
@@ -120,7 +120,7 @@ class CpuEngine(Engine):
             self._step_rows(first, end, int(steps[first]), frames)
 
     def _step_rows(self, first: int, end: int, steps: int, frames: wp.array) -> None:
-        """Takes rows from `first` to `end` so many steps on, over the pool."""
+        """Takes `steps` steps of rows `first` to before `end` on the CPU."""
         before = [self.ensemble, self.state, self.cpu_sums, frames]
         for future in self._launch("advance", before, [0, steps], first, end):
             future.result()
@@ -198,7 +198,7 @@ class CpuEngine(Engine):
 
 
 def _contact_rows(packed: PackedEnsemble) -> int:
-    """Most scratch rows of a chain's contacts: their dampers', of a silent chain also v0 and forces."""
+    """Most CPU scratch rows of a chain's contacts."""
     drives = packed.drives
     points = np.where(drives["points"] > 1, 3 * drives["points"], 1)
     return int((drives["sprockets"] * points + drives["guides"]).max())

@@ -1,11 +1,11 @@
-"""Device choice between the CPU, a GPU and all GPUs, by a rule of what runs take on them.
+"""Device choice between the CPU, a GPU and all GPUs, by estimated times.
 
-For variants of n rollers and w steps each, c cores that do r roller-steps a second each, and k GPUs that do r full,
+For variants of n rollers and w steps, c cores of r roller-steps a second, k GPUs of r when full, l of a small step,
 
     t_cpu = max(most of w n, (sum of w n) / c) / r                                                            (1)
     t_gpu = start + sqrt((l (most of w))^2 + ((sum of w n) / (k r))^2)                                        (2)
 
-l the time of a small step; kernels to compile come on top.
+and kernels to compile on top.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from warpchain.engine.packed_ensemble import PackedEnsemble
 
 CORE_RATE = 8e7
-"""Roller-steps a second of a core of the CPU (docs/performance.md)."""
+"""Roller-steps a second of a CPU core (docs/performance.md)."""
 GPU_START = 0.1
 """Seconds until a GPU begins."""
 METRICS_FACTOR = 1.5
@@ -34,7 +34,7 @@ EQUAL_WITHIN = 1.05
 
 
 class DeviceChoice(NamedTuple):
-    """Devices for a run, and the reason."""
+    """Devices chosen for a run, and the reason."""
 
     devices: tuple[str, ...]
     why: str | None
@@ -43,10 +43,7 @@ class DeviceChoice(NamedTuple):
 def fastest_devices(
     gpus: Sequence[str], packed: PackedEnsemble, precision: str, cores: int, times: float = 1.0
 ) -> DeviceChoice:
-    """Choice of CPU or GPUs, estimated to finish first.
-
-    Of choices within `EQUAL_WITHIN` the plainest.
-    """
+    """Choice of CPU or GPUs estimated to finish first; within `EQUAL_WITHIN` the fewest."""
     choices = dict.fromkeys([("cpu",), (gpus[0],), tuple(gpus)])
     found = {devices: estimated_seconds(devices, packed, precision, cores, times) for devices in choices}
     asked = set[str]()
@@ -65,7 +62,7 @@ def fastest_devices(
 def estimated_seconds(
     devices: Sequence[str], packed: PackedEnsemble, precision: str, cores: int, times: float = 1.0
 ) -> float:
-    """Estimated seconds of an ensemble's steps on devices."""
+    """Estimated time [s] of an ensemble's steps on devices, (1), (2)."""
     drives = packed.drives
     window = np.minimum(drives["window_end"], drives["steps"]) - drives["window_start"] + 1.0
     steps = drives["steps"] + (METRICS_FACTOR - 1.0) * np.maximum(window, 0.0)
@@ -77,7 +74,7 @@ def estimated_seconds(
 
 
 def gpu_speed(device: str, precision: str) -> tuple[float, float]:
-    """Roller-steps a second of a full GPU, seconds a step."""
+    """Roller-steps a second of a full GPU, and time of a small step [s]."""
     import warp as wp
 
     gpu, single = wp.get_device(device), precision == "float32"
@@ -87,7 +84,7 @@ def gpu_speed(device: str, precision: str) -> tuple[float, float]:
 
 
 def has_uncompiled_kernels(device: str, packed: PackedEnsemble, precision: str) -> bool:
-    """Whether a device's kernels for a run are not compiled."""
+    """Whether a device's kernels for a run are not compiled yet."""
     if device == "cpu":
         from warpchain.engine.cpu import cpu_kernel
 

@@ -85,7 +85,7 @@ def choose_devices(
 
     Args:
         packed: the ensemble, or a part of it.
-        count: of variants, of which each takes one device.
+        count: of variants, each on one device.
         times: work of the run over that of `packed`.
 
     Raises:
@@ -128,12 +128,7 @@ def load_run_kernels(
     report: ProgressReport,
     stop: StopRequest,
 ) -> Iterator[None]:
-    """Context that compiles and loads a run's kernels.
-
-    Args:
-        precision: of the steps.
-        settles: whether any variant is to be settled, within the context.
-    """
+    """Context that compiles and loads a run's kernels, those that settle if it `settles`."""
     if device != "cpu":
         from warpchain.engine.gpu import compile_missing_kernels
 
@@ -149,7 +144,7 @@ def load_run_kernels(
 
 
 def launch_step_limit(device: str, packed: PackedEnsemble, wanted: int) -> int:
-    """Number of steps of a launch on a device, at most `wanted`."""
+    """Most steps of a launch on a device, up to `wanted`."""
     if device == "cpu":
         from warpchain.kernels.sums import MERGE_EVERY
 
@@ -161,7 +156,7 @@ def launch_step_limit(device: str, packed: PackedEnsemble, wanted: int) -> int:
 
 
 def launch_frame_bytes(device: str) -> int | None:
-    """Most bytes of a launch's frames, or None."""
+    """Most bytes of a launch's frames on a device, or None."""
     if device == "cpu":
         return None
     from warpchain.engine.gpu import FRAME_BYTES

@@ -16,10 +16,10 @@ from warpchain.model import ChainModel
 from warpchain.model.stacks import Stack, pick_variants, stacks_of_drives
 
 ON_TOP = 0.5
-"""Height of a roller above tooth tips, in radii, off the teeth."""
+"""Height above tooth tips, in radii, of a roller off the teeth."""
 
 TORN = 2.0
-"""Length of a link over its own, beyond which chains are torn."""
+"""Length of a link over its own from which chains are torn."""
 
 
 def engaged_fractions(
@@ -27,7 +27,7 @@ def engaged_fractions(
 ) -> NDArray[np.float64]:
     """Engaged rollers (V, S) on sprockets over assembled ones, or NaN.
 
-    On the teeth is a roller within half a pitch inward of the pitch circle, and `ON_TOP` outward of the tips.
+    Engaged: within half a pitch inward of the pitch circle, and `ON_TOP` outward of the tips.
     """
     packed = engine.packed
     counts = packed.drives["sprockets"].astype(np.int64)
@@ -71,14 +71,14 @@ def divergence_causes(engine: Engine, models: Sequence[ChainModel], diverged: ND
 
 
 def _is_inside(row: Any, places: NDArray[np.float64]) -> bool:
-    """Whether all places (N, 2) are in a drive's box."""
+    """Whether all places (N, 2) are in a variant's box."""
     return bool(((places > row["low"]) & (places < row["high"])).all())
 
 
 def _tooth_reach(
     stacks: Sequence[Stack[ChainModel]], assemblies: Assemblies, shape: tuple[int, int]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
-    """Least and largest radius (V, S) [m] of engaged rollers, and number."""
+    """Least and largest radius (V, S) [m] of engaged rollers, and number as assembled."""
     inner, outer, held = (np.full(shape, np.nan) for _ in range(3))
     for stack in stacks:
         for places, assembly in assemblies.states_by_block(stack.members):

@@ -1,7 +1,6 @@
 """`export_fmu`: a drive as an FMU, which other programs co-simulate without Python and Warp.
 
-It has the object code of the CPU's kernel and the memory of its first launch, after assembly and settling, linked with
-the shell `fmu_shell.c` by the system's compiler.
+It has the CPU kernel's code and its first launch's memory, linked with `fmu_shell.c` by the system's compiler.
 """
 
 from __future__ import annotations
@@ -31,9 +30,9 @@ if TYPE_CHECKING:
 PLATFORM = "x86_64-linux"
 SHELL = Path(__file__).with_name("fmu_shell.c")
 COMPILERS = ("cc", "gcc", "clang")
-"""Compilers that are looked for where CC names none."""
+"""C compilers that are looked for where CC names none."""
 EXPORTED = "{ global: fmi3*; local: *; };\n"
-"""Linker's script with the names that importers see."""
+"""Linker's script with an FMU's names that importers see."""
 
 
 @check_arguments(SimulationError)
@@ -52,13 +51,12 @@ def export_fmu(
     Args:
         output: the file, which ends in .fmu.
         inputs: as of `stepping`; None takes the torques of all loads, such as "driven.load_torque".
-        outputs: as of `stepping`; None takes all channels that are not of rollers or links.
+        outputs: as of `stepping`; None takes all channels but those of rollers and links.
         step: as of `simulate`.
 
     Raises:
         DriveError: a chain that does not fit, or a step beyond its limit.
-        SimulationError: an unknown input or output, another kind of computer, no compiler, or a file that cannot be
-            written.
+        SimulationError: an unknown input or output, another kind of computer, no compiler, or an unwritable file.
     """
     path = Path(output)
     if path.suffix.lower() != ".fmu":
@@ -87,11 +85,7 @@ def export_fmu(
 
 
 def compiler_command() -> list[str]:
-    """Words of the command that runs the system's C compiler.
-
-    Raises:
-        SimulationError: there is none.
-    """
+    """Command of the system's C compiler, as words, or SimulationError."""
     named = shlex.split(os.environ.get("CC", ""))
     for words in [named] if named else [[name] for name in COMPILERS]:
         if shutil.which(words[0]):
@@ -133,14 +127,7 @@ def _write_fmu(file: IO[bytes], run: SteppedRun, drive: Drive, compiler: Sequenc
 
 
 def _linked_library(compiler: Sequence[str], code: Path, parts: dict[str, bytes]) -> bytes:
-    """Shared library of the shell and a kernel's object file.
-
-    Args:
-        parts: contents of the files that the shell includes, by name.
-
-    Raises:
-        SimulationError: the compiler refuses.
-    """
+    """Shared library of an FMU's shell, its included files `parts`, and a kernel's object file."""
     with tempfile.TemporaryDirectory(prefix="warpchain-fmu-") as folder:
         for name, content in (parts | {"exported.map": EXPORTED.encode()}).items():
             Path(folder, name).write_bytes(content)

@@ -38,7 +38,7 @@ class Variable:
 
 
 def input_variables(port: InputPort, starts: Sequence[float]) -> list[Variable]:
-    """Variables of an input: one, or x and y of a place."""
+    """Variables of an FMU's input: one, or x and y of a place."""
     part, _, kind = port.name.rpartition(".")
     text = f"{kind.replace('_', ' ')} of {part}; until it is set the drive has its own"
     names = [f"{port.name}.{axis}" for axis in AXIS_LABELS] if port.kind.is_led else [port.name]
@@ -46,7 +46,7 @@ def input_variables(port: InputPort, starts: Sequence[float]) -> list[Variable]:
 
 
 def output_variables(port: OutputPort, drive: Drive) -> list[Variable]:
-    """Variables of an output, in the order of its places: PART.CHANNEL, or CHANNEL.I of rollers and links."""
+    """Variables of an FMU's output in order: PART.CHANNEL, or CHANNEL.I of rollers and links."""
     part, _, name = port.name.rpartition(".")
     channel = CHANNEL_BY_NAME[name]
     if part:
@@ -60,7 +60,7 @@ def output_variables(port: OutputPort, drive: Drive) -> list[Variable]:
 
 
 def check_names(variables: Sequence[Variable]) -> None:
-    """Raises a SimulationError for a name that is there twice."""
+    """Raises SimulationError for FMU variables of one name."""
     names = [variable.name for variable in variables]
     for name in names:
         if names.count(name) > 1:
@@ -75,14 +75,12 @@ def model_description(
     step: float,
     interval: int,
 ) -> bytes:
-    """The XML file of an FMU.
-
-    Value references are 0 of time, then those of the inputs, then those of the outputs.
+    """XML model description of an FMU; value references are 0 of time, then inputs', then outputs'.
 
     Args:
         identifiers: name of its library, and its instantiation token.
         step: time step h [s].
-        interval: steps of a communication step, by default.
+        interval: default steps of a communication step.
     """
     library, token = identifiers
     top = ElementTree.Element("fmiModelDescription", {

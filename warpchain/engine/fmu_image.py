@@ -1,7 +1,4 @@
-"""Image of an exported drive: the memory of a kernel's launch as bytes, and the C header that says what is where.
-
-The shell `fmu_shell.c` loads the image, sets its pointers, and launches the kernel on it.
-"""
+"""Image of an exported drive: the memory of a kernel's launch as bytes, and the C header of its layout."""
 
 from __future__ import annotations
 
@@ -22,17 +19,17 @@ from warpchain.kernels.structs import Tabulated
 from warpchain.results.schedule import MOST_STEPS
 
 ALIGNMENT = 64
-"""Bytes at whose multiples arrays begin."""
+"""Alignment of an image's arrays [bytes]."""
 
 
 @dataclass
 class Image:
-    """Memory of a launch.
+    """Memory image of a launch.
 
     Attributes:
         content: its bytes, without scratch.
         pointers: (where, to what) in it.
-        places: where arrays begin, by their group and name, and "arguments", "steps", "frames".
+        places: of arrays, by group and name, and "arguments", "steps", "frames".
         scratch: bytes of scratch behind it.
     """
 
@@ -42,7 +39,7 @@ class Image:
     scratch: int = 0
 
     def append(self, part: bytes) -> int:
-        """Appends bytes, aligned; returns where they begin."""
+        """Appends bytes to an image, aligned; returns where they begin."""
         self.content += bytes(-len(self.content) % ALIGNMENT)
         begin = len(self.content)
         self.content += part
@@ -50,7 +47,7 @@ class Image:
 
 
 def launch_image(engine: CpuEngine, frames: Any) -> Image:
-    """Image of the engine's next launch, of a run that does not end and is not measured."""
+    """Memory image of the engine's next launch, unmeasured and without an end."""
     drives = engine.packed.drives
     drives["steps"] = drives["window_start"] = drives["window_end"] = MOST_STEPS
     engine.set_constants("drives", drives)
@@ -84,12 +81,7 @@ def image_header(
     outputs: Sequence[OutputPort],
     names: Mapping[str, str],
 ) -> str:
-    """C header of an image.
-
-    Args:
-        starts: values of the inputs, one after the other.
-        names: of macros, with what they stand for, to come first.
-    """
+    """C header of a memory image; `starts` are inputs' first values, `names` macros."""
     drives = engine.packed.drives
     kept = len(image.content)
     places = np.concatenate([np.zeros(0, dtype=np.int64), *(port.places[0].ravel() for port in outputs)])
@@ -127,17 +119,17 @@ def image_header(
 
 
 def c_number(value: float) -> str:
-    """A number as C reads it, to the last bit."""
+    """C literal of a number, exact to the last bit."""
     return float(value).hex() if np.isfinite(value) else "-INFINITY" if value < 0.0 else "INFINITY"
 
 
 def c_numbers(values: Iterable[float]) -> str:
-    """Numbers as C reads them, with commas."""
+    """C literals of numbers, with commas."""
     return ", ".join(c_number(value) for value in values)
 
 
 def _offset_lines(image: Image, engine: CpuEngine, port: InputPort, number: int) -> list[str]:
-    """C arrays of where an input's tables and numbers are in the image."""
+    """C arrays of offsets in the image of an input's values."""
     kind, array = port.kind, packed_array(engine.packed, port)
     begins = image.places["ensemble", kind.array] + array.dtype.itemsize * port.rows
     offset = {name: place[1] for name, place in (array.dtype.fields or {}).items()}
@@ -149,7 +141,7 @@ def _offset_lines(image: Image, engine: CpuEngine, port: InputPort, number: int)
 
 
 def _input_row(engine: CpuEngine, port: InputPort, number: int, value: int) -> str:
-    """C initializer of an input whose first value has a number."""
+    """C initializer of an input whose first value has number `value`."""
     packed, kind, first = engine.packed, port.kind, int(port.first_rows[0])
     axes = port.places.shape[1]
     name, beside = kind.replaced
@@ -185,13 +177,13 @@ def _own_table(table: Any) -> str:
 
 
 def c_text(text: str) -> str:
-    """A text between quotation marks of C."""
+    """C string literal's content for a text."""
     plain = {ord(c) for c in string.ascii_letters + string.digits + " ._-"}
     return "".join(chr(b) if b in plain else f"\\{b:03o}" for b in text.encode())
 
 
 def start_values(engine: CpuEngine, port: InputPort) -> NDArray[np.float64]:
-    """Values (axes,) of an input that the drive itself has at t = 0; a table over angle or speed counts as 0."""
+    """Values (axes,) of a drive's own input at t = 0; 0 of tables over angle or speed."""
     packed, first, zero = engine.packed, port.first_rows, np.zeros(1)
     if port.kind.is_led:
         return packed.mounts["home"][first][0] + own_center(packed, first, zero)[0][0]

@@ -1,7 +1,6 @@
 """Force probe: forces of a drive in given states, as accelerations of perturbed copies, by the CPU kernel.
 
-A copy takes one leapfrog step, whose first kick is half of it: a = (v' - v) / (h / 2), with the forces of exactly the
-given state. The step is 2^21 s, so that nothing is rounded.
+A copy takes one leapfrog step of 2^21 s, so that nothing is rounded: a = (v' - v) / (h / 2).
 """
 
 from __future__ import annotations
@@ -39,22 +38,20 @@ class ProbeStates:
 
 @dataclass(frozen=True)
 class BodyFreedom:
-    """Free directions of a body and its inertia."""
+    """Free directions of a body in a force probe, and its inertia."""
 
     free: Array  # (3, k) free directions of (x, y, theta), as columns
     inertia: Array  # (3, 3) mass matrix in (x, y, theta)
 
     def without_turning(self) -> BodyFreedom:
-        """Freedom of a body that turns as another one does."""
+        """Freedom of a body whose turning another body has."""
         return BodyFreedom(self.free[:, ~self.free[2].astype(bool)], self.inertia)
 
 
 class ForceProbe:
     """Force probe of a drive's rollers and bodies in given states.
 
-    Args:
-        packed: one variant at rest, in float64.
-        workers: CPU threads.
+    `packed` is one variant at rest, in float64, `workers` CPU threads.
     """
 
     def __init__(self, packed: PackedEnsemble, workers: int = 1) -> None:
@@ -85,7 +82,7 @@ class ForceProbe:
         self._carried = on_arms + [of for of in hubs if of[1] != GROUND]
 
     def packed_state(self) -> ProbeStates:
-        """Packed state at rest, as one copy."""
+        """State at rest of a force probe, as one copy."""
         rows, bodies = self.base.roller_rows(0), self.base.bodies
         place = np.column_stack([bodies["center"], bodies["angle"]])
         position = np.ascontiguousarray(rows[0:2].T)
@@ -95,7 +92,7 @@ class ForceProbe:
         )
 
     def body_freedom(self, b: int, angle: float) -> BodyFreedom:
-        """Free directions of a body and its inertia."""
+        """Free directions and inertia of body b at an angle [rad]."""
         motion, mount = self.base.motions[b], self.base.mounts[b]
         turns = np.zeros((3, 0)) if motion["prescribed"] else np.array([[0.0], [0.0], [1.0]])
         if not mount["active"]:
@@ -125,12 +122,12 @@ class ForceProbe:
 
     @cached_property
     def _cam_states(self) -> NDArray[Any]:
-        """Inertia and moment of valves on each body."""
+        """Inertia and moment of valves on the probe's bodies."""
         self._evaluate(self.packed_state())
         return np.array(self._engine.state.cams.numpy()[: self.body_count])
 
     def _valve_inertia(self, b: int) -> float:
-        """Inertia of valves [kg m^2] as body `b` sees it."""
+        """Inertia of valves [kg m^2] on body b with its train."""
         if not self.base.drives["valves"][0]:
             return 0.0
         motions, cams = self.base.motions[: self.body_count], self._cam_states
@@ -140,7 +137,7 @@ class ForceProbe:
         return float(((motions["ratio"][train] / motions["ratio"][b]) ** 2 * cams["inertia"][train]).sum())
 
     def train_angles(self, b: int) -> Array:
-        """Angles (B,) of all bodies that turn in one train."""
+        """Angles (B,), of norm 1, of the bodies of body b's train."""
         motions = self.base.motions[: self.body_count]
         if not self.base.drives["tied"][0] or motions["train"][b] < 0:
             return np.ones(1)
@@ -152,7 +149,7 @@ class ForceProbe:
     def __call__(self, states: ProbeStates) -> tuple[Array, Array, Array]:
         """Accelerations of rollers (copies, N, 2), bodies (copies, B, 3), and pressures (copies, T) [Pa].
 
-        NaN where a copy has left the drive's box.
+        NaN for a copy outside the drive's box.
         """
         count = len(states.position)
         straight, turned = np.empty_like(states.position), np.empty_like(states.bodies)
@@ -192,7 +189,7 @@ class ForceProbe:
         return straight, turned, self._pushes["pressure"][:count]
 
     def touching_rollers(self, states: ProbeStates) -> NDArray[np.bool_]:
-        """(S + G, N) whether rollers touch sprockets and guides."""
+        """Whether rollers touch sprockets and guides (S + G, N) in probed states."""
         self._evaluate(ProbeStates(**{name: value[:1] for name, value in vars(states).items()}))
         points, guides = (int(self.base.drives[key][0]) for key in ("points", "guides"))
         rows = self.sprockets * points + guides
@@ -201,5 +198,5 @@ class ForceProbe:
         return np.concatenate([teeth.any(axis=1), touches[self.sprockets * points :]])
 
     def close(self) -> None:
-        """Ends the probe's threads."""
+        """Ends the force probe's threads."""
         self._engine.close()

@@ -1,7 +1,4 @@
-"""GPU kernels and blocks with which the variants of an ensemble run.
-
-Variants with like numbers of rollers, sprockets and so on form a bucket, which is launched at once.
-"""
+"""GPU kernels and blocks for the variants of an ensemble, in buckets of like variants."""
 
 from __future__ import annotations
 
@@ -25,31 +22,31 @@ ROLLER_CAPACITIES = (32, 64, 96, 128, 160, 192, 256, 320, 384, 512, 640, 768, 89
 """Rollers that GPU blocks hold."""
 
 LONGEST_ON_A_WARP = 512
-"""Links of the longest chain on one warp."""
+"""Links of the longest chain on one GPU warp."""
 
 FEW_VARIANTS = 1
 """Most variants a multiprocessor with a thread a roller."""
 
 VARIANTS_PER_BLOCK = 4
-"""Variants of a block, a warp each, if faster."""
+"""Variants of a GPU block, a warp each, if faster."""
 
 FULL_OF_OIL = 11
 """Variants of a GPU block with a warp for oil."""
 
 FULL_WITH_METRICS = 7
-"""Variants of a block with oil and metrics at float64."""
+"""Variants of a GPU block with oil and metrics at float64."""
 
 FULL_AT_FLOAT32 = 15
-"""Variants of a block with oil at float32."""
+"""Variants of a GPU block with oil at float32."""
 
 TALLY_SUM_THREADS = 256
-"""Threads of a block that adds up tallies."""
+"""Threads of a GPU block that adds up tallies."""
 
 CAM_STEP = 8
-"""Step of the cams of valves that kernels hold."""
+"""Step in the number of cams that GPU kernels hold."""
 
 RESERVED_BYTES = 1024
-"""Shared memory that each block takes beside its own [bytes]."""
+"""Shared memory that each GPU block takes beside its own [bytes]."""
 
 
 def roller_capacity(links: NDArray[np.integer]) -> NDArray[np.integer]:
@@ -64,10 +61,7 @@ def roller_capacity(links: NDArray[np.integer]) -> NDArray[np.integer]:
 
 
 def block_shape(room: int, each: int, shared_bytes: int = DECLARED) -> BlockShape:
-    """GPU block shape for chains of `room` links.
-
-    Few variants have a roller a thread, many a warp each. Results do not depend on the number of variants.
-    """
+    """GPU block shape for chains of `room` links: few variants a roller a thread, many a warp each."""
     if room > LONGEST_ON_A_WARP:
         threads = 1024 if room > 4096 else max(128, 2 ** (room - 1).bit_length() // 16)
         return BlockShape(threads, -(-room // threads), shared_bytes=shared_bytes)
@@ -91,7 +85,7 @@ def is_simple_kind(kind: BlockKind) -> bool:
 
 
 def resident_variants(kind: BlockKind) -> int:
-    """Number of variants that a multiprocessor is to hold."""
+    """Number of variants that a GPU's multiprocessor is to hold."""
     shape, per = kind.shape, kind.shape.rollers_per_thread
     if kind.has_oil_warp:
         return shape.variants_per_block
@@ -127,7 +121,7 @@ class Bucket:
 
 
 def kind_with_shared_blocks(kind: BlockKind, most_shared: int, each: int) -> BlockKind:
-    """Block kind with several variants a block, if faster."""
+    """GPU block kind with several variants a block, if faster."""
     shape = kind.shape
     if kind.parts.hydraulic and shape.threads == WARP:
         most = FULL_AT_FLOAT32 if kind.is_paired else FULL_OF_OIL
@@ -149,7 +143,7 @@ def kind_with_shared_blocks(kind: BlockKind, most_shared: int, each: int) -> Blo
 
 
 def kernel_kind(name: str, bucket: Bucket) -> BlockKind:
-    """Block kind of a bucket's kernel "advance", "measure" or "relax"."""
+    """GPU block kind of a bucket's kernel "advance", "measure" or "relax"."""
     kind = bucket.kind
     if name == "relax":  # by one kernel, however many there are and whatever else they have
         parts = replace(
@@ -242,7 +236,7 @@ def block_kind(real: type, columns: Mapping[str, int], each: int, shared_bytes: 
 
 
 def global_memory_values(buckets: Sequence[Bucket]) -> tuple[int, int]:
-    """Numbers of values that large blocks keep in global memory."""
+    """Numbers of values, and of parts, of large GPU blocks in global memory."""
     needs = np.zeros(2, dtype=int)
     for bucket in buckets:
         for name in ("advance", "measure", "relax"):
@@ -259,7 +253,7 @@ def _distinct_rows(keys: NDArray[np.integer]) -> list[tuple[Any, ...]]:
 
 
 class BucketKernel(NamedTuple):
-    """Kernel of a bucket, its kind, resident variants, and specification."""
+    """GPU kernel of a bucket, kind, resident variants, and specification."""
 
     kernel: Any
     kind: BlockKind
@@ -268,7 +262,7 @@ class BucketKernel(NamedTuple):
 
 
 class GpuKernels:
-    """Kernels of an ensemble on a GPU.
+    """GPU kernels of an ensemble.
 
     Attributes:
         buckets: variants by the kernels that step them.
@@ -290,7 +284,7 @@ class GpuKernels:
         )
 
     def _make_buckets(self, columns: Mapping[str, NDArray[Any]], rows: NDArray[np.integer]) -> list[Bucket]:
-        """Buckets of variants or chains, the longest first."""
+        """Buckets of variants or chains for GPU kernels, the longest first."""
         packed = self.packed
         keys = np.column_stack(list(columns.values()))
         buckets = []
@@ -319,7 +313,7 @@ class GpuKernels:
         return self._kernels[key]
 
     def buckets_of_kernel(self, name: str) -> list[Bucket]:
-        """Buckets for which a kernel of this name is launched."""
+        """Buckets that launch the GPU kernel of this name."""
         return self.chain_buckets if name == "relax" else self.buckets
 
     def kernel_specs(self, *names: str) -> list[KernelSpec]:

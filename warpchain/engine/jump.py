@@ -28,7 +28,7 @@ Direction = Literal["forward", "reverse"]
 BOTH: tuple[Direction, ...] = ("forward", "reverse")
 UNITS = {"torque": "N m", "wear": "1"}
 MOST_WEAR = 0.1
-"""Largest wear that is tried for a jump."""
+"""Largest wear that is tried for a tooth jump."""
 ESTIMATE_RATIO, ESTIMATE_HALVINGS, LEAST_ESTIMATE = 1.5, 3, 1e-3
 """Ratio, halvings and least part of the range, for estimates."""
 
@@ -44,8 +44,8 @@ class Jump:
         direction: "forward" or "reverse".
         on: what carries the torque, or the chain that wears.
         own: the drive's own torque [N m] or wear [-].
-        holds: largest value run without a jump.
-        jumps: smallest run with a jump, or None.
+        holds: largest value without a jump.
+        jumps: smallest value with a jump, or None.
         sprocket: where, if seen.
         tension: largest of any link at `holds` [N].
         tight, slack: means of the strands beside at `holds` [N].
@@ -134,7 +134,7 @@ def _even_values(low: float, high: float, count: int) -> list[float]:
 
 
 def _own_and_limit_torque(drive: Drive, on: str | None) -> tuple[str, float, float]:
-    """Name of a load's body, own torque, chain-breaking torque [N m]."""
+    """Name of a load's body, own and chain-breaking torque [N m]."""
     bodies: Sequence[Any] = (*drive.sprockets, *drive.shafts)
     loads = {bodies[b].name: (b, load) for b, load in free_body_loads(drive)}
     if on is not None and on not in loads:
@@ -156,7 +156,7 @@ def _own_and_limit_torque(drive: Drive, on: str | None) -> tuple[str, float, flo
 
 
 def _speed_ratio(model: Model, b: int) -> float:
-    """Speed of a body over the driver's."""
+    """Speed of body b over the driver's."""
     return 1.0 if nearest_sprocket(model.drive, b) is None else model.speed_ratio(b, model.drive.driver)
 
 
@@ -221,7 +221,7 @@ def _run_round(todo: list[_JumpSearch], changed: Callable[[Drive, float], Drive]
 
 
 def jump_in_metrics(drive: Drive, row: dict[str, Any]) -> tuple[bool, str | None]:
-    """Whether the chain jumped, by metrics, and the worst sprocket."""
+    """Whether the chain jumped, by metrics, and on which sprocket."""
     if row["diverged"]:
         return True, None
     names = [sprocket.name for sprocket in drive.sprockets]
@@ -267,7 +267,7 @@ def _estimated_jump(search: _JumpSearch, by: str, on: str, own: float, most: flo
     name = search.sprocket
 
     def has_jump_at_rest(value: float) -> bool:
-        """Whether the chain jumps at rest, at this value."""
+        """Whether the chain jumps at rest, at a searched value."""
         for chain in Model(_changed_drive(search.drive, by, on, value)).loaded_chains:
             names = [sprocket.name for sprocket in chain.sprockets]
             if name in names:

@@ -1,7 +1,7 @@
 """Launches of a GPU: the steps of many variants divided among them.
 
 A GPU holds so many blocks, of one variant each, at once: a turn. All variants end in the same launch; more than a turn
-go in two groups, each on a stream of its own. Launches end at multiples of `STEP_UNIT`, where that changes no bit.
+go in two groups, each on its own stream.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from warpchain.kernels.structs import DIVERGENCE_CHECK
 STEP_UNIT = int(DIVERGENCE_CHECK)
 
 LAUNCH_PARTS = 8
-"""Launches into which the steps of one are cut."""
+"""GPU launches into which the steps of one are cut."""
 
 
 class Launch(NamedTuple):
@@ -30,25 +30,25 @@ class Launch(NamedTuple):
 
 
 def steps_left(drives: NDArray[Any], progress: NDArray[Any]) -> NDArray[np.int64]:
-    """Steps (V,) that each variant has yet to take."""
+    """Steps (V,) that variants have yet to take."""
     left = drives["steps"].astype(np.int64) + 1 - progress["step"]
     return np.where(progress["diverged"] != 0, 0, np.maximum(left, 0))
 
 
 def next_launch_steps(left: NDArray[np.integer], most: int) -> NDArray[np.integer]:
-    """Steps (V,) of each variant in the next GPU launch."""
+    """Steps (V,) of variants in the next GPU launch."""
     unit = STEP_UNIT if most >= STEP_UNIT else 1
     launches = max(1, -(-int(left.max(initial=0)) // most))
     return np.minimum(-(-left // (launches * unit)) * unit, left)
 
 
 def launch_groups(variants: NDArray[np.integer], turn: int) -> list[NDArray[np.integer]]:
-    """Variants, most steps first, in two groups beyond a turn."""
+    """Groups of variants, most steps first, for a GPU: two beyond a turn."""
     return [variants] if len(variants) <= turn else [variants[0::2], variants[1::2]]
 
 
 def metrics_start_steps(drives: NDArray[Any], step: NDArray[np.integer]) -> NDArray[np.int64]:
-    """Steps (V,) from which variants are stepped with metrics."""
+    """Steps (V,) from which GPU launches take metrics."""
     begins = drives["window_start"].astype(np.int64) // STEP_UNIT * STEP_UNIT
     return np.where(drives["window_end"] < step, np.iinfo(np.int64).max, begins)
 
@@ -60,11 +60,11 @@ def split_launches(
     begins: NDArray[np.integer],
     parts: int,
 ) -> Iterator[Launch]:
-    """Launches that take variants their steps, one after the other.
+    """Yields the GPU launches that take variants' steps.
 
     Args:
         variants: their numbers, most steps first.
-        step: (V,) next step of each variant.
+        step: (V,) next step.
         share: (V,) steps to take.
         begins: (V,) steps from which metrics are taken.
     """

@@ -1,4 +1,4 @@
-"""Outputs of a stepped run: where their values stand in a buffer of one frame of each row."""
+"""Output ports of a stepped run: places of their values in a buffer of one frame of each row."""
 
 from __future__ import annotations
 
@@ -19,11 +19,11 @@ from warpchain.results.run import Trajectory
 
 @dataclass(frozen=True)
 class OutputPort:
-    """An output of V variants.
+    """Output port of V variants.
 
     Attributes:
         name: CHANNEL, or PART.CHANNEL.
-        places: (V, ...) where its values stand in the buffer.
+        places: (V, ...) of its values in the buffer.
     """
 
     name: str
@@ -31,7 +31,7 @@ class OutputPort:
 
 
 def lay_out_frames(rows: ChainRows, packed: PackedEnsemble) -> int:
-    """Lays out a buffer of one frame of each row; returns its length."""
+    """Lays out a buffer of a frame of each row, for output ports; returns its length."""
     widths = np.array([drive_frame_width(model, packed.frame) for model in rows.models], dtype=np.int64)
     packed.drives["first_value"] = np.cumsum(widths) - widths
     packed.drives["frame_interval"] = 1
@@ -39,10 +39,10 @@ def lay_out_frames(rows: ChainRows, packed: PackedEnsemble) -> int:
 
 
 def make_outputs(names: Sequence[str], rows: ChainRows, packed: PackedEnsemble) -> dict[str, OutputPort]:
-    """Outputs by name, of a buffer that is laid out.
+    """Output ports by name, of a buffer that is laid out.
 
     Raises:
-        SimulationError: a variant lacks the part, or the variants' parts are not as many.
+        SimulationError: a variant lacks the part, or numbers of parts differ.
     """
     wanted = {name: name.rpartition(".") for name in names}
     places: dict[str, list[NDArray[np.int64]]] = {name: [] for name in names}
@@ -64,7 +64,7 @@ def make_outputs(names: Sequence[str], rows: ChainRows, packed: PackedEnsemble) 
 def _channel_places(
     v: int, rows: ChainRows, packed: PackedEnsemble, wanted: set[str]
 ) -> Mapping[str, NDArray[np.int64]]:
-    """Places (parts, ...) in the buffer of variant v's channels, by name."""
+    """Places (parts, ...) of variant v's channels in the output buffer."""
     chains = []
     for r in range(int(rows.first_rows[v]), int(rows.first_rows[v + 1])):
         model = rows.models[r]
@@ -76,7 +76,7 @@ def _channel_places(
 
 
 def _part_number(name: str, part: str, channel: str, drive: Drive, v: int) -> int:
-    """Number of the part that an output names, among those of its kind."""
+    """Number of the part that an output port names."""
     kind = CHANNEL_BY_NAME[channel].per
     if kind in ("roller", "link"):
         raise SimulationError(f"outputs: {name!r}: {channel} is of each {kind}; name it without a part")

@@ -1,4 +1,4 @@
-"""Contact laws of plug-ins: tried, and added to those that kernels know before the kernels are made."""
+"""Contact laws of plug-ins: tried, and added to those of kernels before the kernels are made."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from warpchain.kernels.cpu.law_trial import TriedForce, law_trial_kernel
 from warpchain.kernels.physics import impact
 
 TRIED = np.array([[e, v, d] for e in (1e-3, 1.0, 1e3, 1e6) for v in (1e-6, 0.01, 1.0, 30.0) for d in (0.0, 0.1, 2.0)])
-"""Elastic forces [N], impact speeds [m/s] and dampings with which a law is tried."""
+"""Elastic forces [N], impact speeds [m/s] and dampings with which a plug-in's law is tried."""
 KERNEL_FACTORIES = {
     "cpu.advance": "advance_kernel",
     "cpu.relax": "relax_kernel",
@@ -25,11 +25,11 @@ KERNEL_FACTORIES = {
     "gpu.relax": "block_relax_kernel",
     "gpu.statistics": "tally_sum_kernel",
 }
-"""Functions that make, and remember, kernels, whose digests have the contact laws."""
+"""Cached kernel factories whose digests have the contact laws."""
 
 
 def form_of_law(law: Law) -> int:
-    """Number of a contact law among those of kernels (`structs.ContactLaw.form`); a plug-in's is added."""
+    """Number of a contact law (`structs.ContactLaw.form`); adds a plug-in's to kernels'."""
     if isinstance(law.force, str):
         return next(form for form, force in enumerate(impact.FORCES) if force.key == law.force)
     if law.force not in impact.FORCES:
@@ -38,23 +38,23 @@ def form_of_law(law: Law) -> int:
 
 
 def add_laws(names: Iterable[str] | None = None) -> None:
-    """Adds plug-ins' laws to those of kernels, by default all that drives so far have.
+    """Adds plug-ins' contact laws to kernels', by default all that drives so far have.
 
     Raises:
-        PluginError: one that Warp cannot compile, or that gives values that are not allowed.
+        PluginError: one that Warp cannot compile, or with values that are not allowed.
     """
     for name in LAWS_IN_USE if names is None else names:
         form_of_law(LAWS[name])
 
 
 def added_laws() -> tuple[str, ...]:
-    """Names of the plug-ins' laws that kernels know, in order."""
+    """Names of plug-ins' contact laws that kernels have, in order."""
     names = {id(law.force): name for name, law in LAWS.items()}
     return tuple(names[id(force)] for force in impact.FORCES if id(force) in names)
 
 
 def _add_force(force: Any) -> None:
-    """Adds a law's function to those of kernels; kernels that were made before are forgotten."""
+    """Adds a contact law's function to kernels', and forgets earlier kernels."""
     code = force.func.__code__
     digest = digest_of_file(code.co_filename)
     force.adj.source += f"\n# {digest}"  # kernels' digests have the laws' sources: functions that it calls count, too
@@ -70,7 +70,7 @@ def _add_force(force: Any) -> None:
 
 
 def forget_kernels() -> None:
-    """Forgets kernels with contact laws, so that they are made anew with the present laws."""
+    """Forgets kernels with contact laws, to be made anew."""
     for module, name in KERNEL_FACTORIES.items():
         made = sys.modules.get(f"warpchain.kernels.{module}")
         if made is not None:
@@ -78,7 +78,7 @@ def forget_kernels() -> None:
 
 
 def _law_error(said: str, force: Any) -> str:
-    """Words on what is wrong with a law's function, with the line that Warp names."""
+    """Message on a contact law's function, with Warp's line."""
     code = force.func.__code__
     line, reason = code.co_firstlineno, said.removeprefix(": ")
     for name, number in re.findall(rf'function "(\w+)" at {re.escape(code.co_filename)}:(\d+):', said):
@@ -90,7 +90,7 @@ def _law_error(said: str, force: Any) -> str:
 
 
 def _try_force(force: Any, real: Any) -> None:
-    """Compiles a law's function for the CPU, and raises for values that are not allowed."""
+    """Compiles a contact law's function for the CPU; raises PluginError for bad values."""
     given: wp.array = wp.array(TRIED, dtype=real, device="cpu")
     found: wp.array = wp.zeros(TRIED.shape, dtype=real, device="cpu")
     wp.launch(

@@ -1,7 +1,7 @@
 """Packs drives: assembles each, fills its rows of the ensemble's arrays, and brings its tensioners to rest.
 
-At rest a tensioner's check valve lets in what leaks out, at the pressure P_r (`warpchain.model.oil`). The content of
-oil is then mu = phi(P_r) + ln(V / V_0) ((5), (6) of `kernels.physics.tensioner`), and the ratchet is latched.
+At rest an oil's pressure is P_r (`warpchain.model.oil`), its content mu = phi(P_r) + ln(V / V_0) ((5), (6) of
+`kernels.physics.tensioner`).
 """
 
 from __future__ import annotations
@@ -108,10 +108,7 @@ def pack(
 
 
 def fill_step_dependence(packed: PackedEnsemble) -> None:
-    """Fills what of packed contacts and friction depends on steps.
-
-    Bristles are as stiff as the step allows for the lightest roller of a chain.
-    """
+    """Fills packed contacts and friction where they depend on the step."""
     lightest = np.minimum.reduceat(packed.relative_mass, packed.drives["first_roller"].astype(np.int64))
     for friction, counts in ((packed.tooth_friction, "sprockets"), (packed.guide_friction, "guides")):
         steps, part = (np.repeat(of, packed.drives[counts]) for of in (packed.drives["step"], lightest))
@@ -127,7 +124,7 @@ def fill_step_dependence(packed: PackedEnsemble) -> None:
 
 
 def fill_bristles(friction: NDArray[Any], step: NDArray[np.float64], part: Any = 1.0) -> None:
-    """Fills friction bristles as stiff as the step allows, for `part` of their inertia."""
+    """Fills packed friction bristles as stiff as the step allows, for `part` of the inertia."""
     inertia = part * friction["inertia"]
     stiffness = np.minimum(friction["stiffness"], SPRING * inertia / (step * step))
     friction["spring"] = stiffness * step
@@ -136,7 +133,7 @@ def fill_bristles(friction: NDArray[Any], step: NDArray[np.float64], part: Any =
 
 @dataclass
 class SharedRows:
-    """Rows that an ensemble's variants share, gathered while packing."""
+    """Rows that a packed ensemble's variants share."""
 
     harmonics: RowList
     seats: RowList
@@ -146,7 +143,7 @@ class SharedRows:
 def _stack_parts(
     stacks: Sequence[Stack[ChainModel]], assemblies: Assemblies
 ) -> Iterator[tuple[Stack[ChainModel], Assembly]]:
-    """Stacks, in parts assembled at once, and their assemblies."""
+    """Yields stacks, in parts packed at once, and their assemblies."""
     for stack in stacks:
         for places, assembly in assemblies.states_by_block(stack.members):
             whole = len(places) == len(stack.members)
@@ -155,14 +152,14 @@ def _stack_parts(
 
 @contextmanager
 def _blank_rows(array: NDArray[Any], places: NDArray[Any]) -> Iterator[NDArray[Any]]:
-    """Context of zero rows to fill, then put into an array."""
+    """Context of zero rows, then put into a packed array."""
     rows = np.zeros(places.shape, dtype=array.dtype)
     yield rows
     array[places] = rows
 
 
 def _fill_rows(array: NDArray[Any], places: NDArray[Any], fill: Callable[..., None], *given: Any) -> None:
-    """Fills zero rows by `fill` into an array."""
+    """Fills zero rows by `fill` into a packed array."""
     with _blank_rows(array, places) as row:
         fill(row, *given)
 
@@ -288,7 +285,7 @@ def _pack_guides(packed: PackedEnsemble, model: ChainModel, at: Mapping[str, NDA
 
 
 def tensioner_extensions(packed: PackedEnsemble) -> NDArray[np.float64]:
-    """Extensions (all tensioners,) [m] where their bodies stand."""
+    """Extensions (all tensioners,) [m] at their bodies' packed places."""
     first = np.repeat(packed.drives["first_body"].astype(np.int64), packed.drives["tensioners"])
     of = packed.tensioners[: len(first)]
     body = packed.bodies[first + of["body"]]
@@ -299,13 +296,13 @@ def tensioner_extensions(packed: PackedEnsemble) -> NDArray[np.float64]:
 
 
 def oil_compression(pressure: NDArray[np.float64], of: NDArray[Any]) -> NDArray[np.float64]:
-    """Compression phi(P) of oil with air, eq. (5)."""
+    """Compression phi(P) of tensioners' oil, eq. (5)."""
     ratio = pressure / of["ambient"]
     return of["oil_share"] * ratio - of["air_share"] * ratio ** (-1.0 / EXPONENT)
 
 
 def rest_tensioners(packed: PackedEnsemble) -> None:
-    """Sets packed tensioners to rest where bodies stand."""
+    """Sets packed tensioners to rest at their bodies' places."""
     x = tensioner_extensions(packed)
     of, oil = packed.tensioners[: len(x)], packed.oil[: len(x)]
     oil["farthest"] = x
@@ -320,7 +317,7 @@ def rest_tensioners(packed: PackedEnsemble) -> None:
 
 
 def tensioners_as_springs(tensioners: NDArray[Any]) -> NDArray[Any]:
-    """Tensioner rows as springs that push as at rest."""
+    """Rows of tensioners as springs that push as at rest."""
     slow = tensioners.copy()
     wet = slow["hydraulic"] == 1
     slow["preload"][wet] += ((slow["rest"] - slow["ambient"]) * slow["area"])[wet]

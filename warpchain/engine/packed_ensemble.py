@@ -38,19 +38,19 @@ def real_type(precision: str) -> type:
 
 
 def roller_state_rows(position: NDArray[np.float64], velocity: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Rows (..., 6, N) of rollers' positions and velocities."""
+    """Packed rows (..., 6, N) of rollers' positions and velocities."""
     rows = np.zeros((*position.shape[:-2], STATE_ROWS, position.shape[-2]))
     rows[..., 0:2, :], rows[..., 2:4, :] = np.swapaxes(position, -1, -2), np.swapaxes(velocity, -1, -2)
     return rows
 
 
 def consecutive_places(first: NDArray[np.integer], count: int) -> NDArray[np.int64]:
-    """Places (V, count) from `first` (V,) on of each variant."""
+    """Places (V, count) from `first` (V,) on in a packed array."""
     return np.asarray(first, dtype=np.int64)[:, None] + np.arange(count)
 
 
 def strided_view(values: NDArray[Any], first: NDArray[np.integer], count: int) -> NDArray[Any] | None:
-    """Writable view (V, count) of evenly spaced values, or None."""
+    """Writable view (V, count) of evenly spaced packed values, or None."""
     apart = np.diff(first)
     apart_by = int(apart[0]) if len(apart) else count
     if apart_by < count or (apart != apart_by).any():
@@ -60,13 +60,13 @@ def strided_view(values: NDArray[Any], first: NDArray[np.integer], count: int) -
 
 
 def gather_values(values: NDArray[Any], first: NDArray[np.integer], count: int) -> NDArray[Any]:
-    """Values (V, count) from `first` (V,) on, to read."""
+    """Packed values (V, count) from `first` (V,) on, to read."""
     view = strided_view(values, first, count)
     return values[consecutive_places(first, count)] if view is None else view
 
 
 def scatter_values(values: NDArray[Any], first: NDArray[np.integer], rows: NDArray[Any]) -> None:
-    """Sets the values from `first` (V,) on to `rows`."""
+    """Sets packed values from `first` (V,) on to `rows`."""
     view = strided_view(values, first, rows.shape[-1])
     if view is None:
         values[consecutive_places(first, rows.shape[-1])] = rows
@@ -77,7 +77,7 @@ def scatter_values(values: NDArray[Any], first: NDArray[np.integer], rows: NDArr
 def roller_coordinates(
     rows: NDArray[np.floating], first: NDArray[np.int64], count: int
 ) -> tuple[NDArray[np.floating], NDArray[np.floating]]:
-    """Coordinates x and y (K, N) of variants' rollers."""
+    """Coordinates x and y (K, N) of packed variants' rollers."""
     both = gather_values(rows, STATE_ROWS * first, 2 * count)
     return both[:, :count], both[:, count:]
 
@@ -124,26 +124,26 @@ class PackedEnsemble(_PackedArrays):
             law["lag"] = law["yielding"] = law["most_damping"] = 0.0
 
     def copy(self) -> PackedEnsemble:
-        """Ensemble with copied arrays."""
+        """Packed ensemble with copied arrays."""
         return replace(self, **{name: getattr(self, name).copy() for name in PACKED_ARRAYS})
 
     @cached_property
     def real(self) -> type:
-        """Warp's scalar type of the ensemble's precision."""
+        """Warp's scalar type of the packed ensemble's precision."""
         return REAL_TYPES[self.precision]
 
     @property
     def variants(self) -> int:
-        """Number of rows: variants, or their chains."""
+        """Number of packed rows: variants, or their chains."""
         return len(self.assemblies)
 
     @property
     def first_rows(self) -> NDArray[np.intp]:
-        """Row of each variant's first chain."""
+        """Packed row of each variant's first chain."""
         return np.flatnonzero(self.drives["chains"] > 0)
 
     def has_any_of(self, sprockets: NDArray[np.bool_], guides: NDArray[np.bool_]) -> NDArray[np.bool_]:
-        """(variants,) whether a variant has a marked part."""
+        """Whether packed variants (variants,) have a marked part."""
         found = np.zeros(self.variants, dtype=bool)
         for which, counts in ((sprockets, "sprockets"), (guides, "guides")):
             owner = np.repeat(np.arange(self.variants), self.drives[counts])
@@ -165,29 +165,29 @@ class PackedEnsemble(_PackedArrays):
 
     @property
     def has_varied_links(self) -> NDArray[np.bool_]:
-        """(variants,) whether a chain's links differ, or its rollers' masses, or have play, or one is absent."""
+        """Whether links or masses differ, have play, or one is absent (variants,)."""
         of = self.chains
         unlike = (of["outer_stiffness"] != of["stiffness"]) | (of["outer_damping"] != of["damping"])
         return np.asarray(unlike | (of["unlike_masses"] > 0) | (of["play"] != 0.0) | (of["absent"] > 0))
 
     @property
     def has_linear_hysteretic_contacts(self) -> NDArray[np.bool_]:
-        """(variants,) whether contact laws are linear and hysteretic."""
+        """Whether all contact laws are linear and hysteretic (variants,)."""
         laws = (self.sprockets["law"], self.guides["law"])
         return ~self.has_any_of(*((law["exponent"] != 1.0) | (law["form"] != 0) for law in laws))
 
     @property
     def has_carried_guides(self) -> NDArray[np.bool_]:
-        """(variants,) whether a guide is carried or profiled."""
+        """Whether a guide is carried or profiled (variants,)."""
         none = np.zeros(len(self.sprockets), dtype=bool)
         return self.has_any_of(none, (self.guides["body"] != GROUND) | (self.guides["pieces"] > 0))
 
     @property
     def has_crowded_arms(self) -> NDArray[np.bool_]:
-        """(variants,) whether an arm carries a guide and something else."""
+        """Whether an arm carries a guide and something else (variants,)."""
 
         def carried(counts: str, bodies: NDArray[np.integer]) -> NDArray[np.int64]:
-            """Number (bodies,) of a kind's parts that each body carries."""
+            """Number (bodies,) of a kind's parts on each packed body."""
             owner = np.repeat(self.drives["first_body"], self.drives[counts])
             on = bodies[: len(owner)] != GROUND
             return np.bincount((owner + bodies[: len(owner)])[on], minlength=len(self.bodies))
@@ -198,18 +198,18 @@ class PackedEnsemble(_PackedArrays):
 
     @property
     def has_uniform_links(self) -> NDArray[np.bool_]:
-        """(variants,) whether all links have one length."""
+        """Whether all links have one length (variants,)."""
         first = self.drives["first_roller"].astype(np.int64)
         return np.asarray(np.minimum.reduceat(self.lengths, first) == np.maximum.reduceat(self.lengths, first))
 
     def _sums_by_variant(self, counts: str, numbers: NDArray[np.integer]) -> NDArray[np.int64]:
-        """Sums (variants,) of parts' numbers, `drives[counts]` a variant."""
+        """Sums (variants,) of parts' numbers, `drives[counts]` parts a variant."""
         owner = np.repeat(np.arange(self.variants), self.drives[counts])
         return np.bincount(owner, numbers[: len(owner)], self.variants).astype(np.int64)
 
     @property
     def has_oil(self) -> NDArray[np.bool_]:
-        """(variants,) whether a tensioner has oil."""
+        """Whether a tensioner has oil (variants,)."""
         return self._sums_by_variant("tensioners", self.tensioners["hydraulic"]) > 0
 
     @property
@@ -218,19 +218,16 @@ class PackedEnsemble(_PackedArrays):
         return self._sums_by_variant("valves", self.valves["phases"])
 
     def first_roller_value(self, v: int) -> int:
-        """Index at which a variant's rollers begin."""
+        """Index at which variant v's packed rollers begin."""
         return STATE_ROWS * int(self.drives["first_roller"][v])
 
     def roller_rows(self, v: int) -> NDArray[np.floating]:
-        """View (6, N) of variant v's roller rows."""
+        """View (6, N) of variant v's packed roller rows."""
         first, n = self.first_roller_value(v), int(self.drives["rollers"][v])
         return self.rollers[first : first + STATE_ROWS * n].reshape(STATE_ROWS, n)
 
     def groups_by_rollers(self) -> Iterator[tuple[NDArray[np.intp], NDArray[np.int64], int]]:
-        """Groups of variants (K,) of equal roller numbers, and places.
-
-        At most `LARGEST_STACK` variants at a time.
-        """
+        """Yields packed variants (K,) of equal roller numbers, and places."""
         rollers, first = self.drives["rollers"], self.drives["first_roller"].astype(np.int64)
         for count in np.unique(rollers).tolist():
             variants = np.flatnonzero(rollers == count)
@@ -238,12 +235,12 @@ class PackedEnsemble(_PackedArrays):
                 yield some, first[some], count
 
     def variant_range(self, a: int, b: int) -> PackedEnsemble:
-        """Ensemble of variants `a` to `b` - 1, arrays shared."""
+        """Packed ensemble of variants `a` to `b` - 1, arrays shared."""
         places = {kind: slice(int(first[a]), int(first[b])) for kind, first in first_places(self.drives).items()}
         return self._select_variants(places, self.drives[a:b].copy(), self.assemblies[a:b])
 
     def pick_variants(self, which: Sequence[int]) -> PackedEnsemble:
-        """Ensemble of the variants `which`, arrays copied."""
+        """Packed ensemble of the variants `which`, arrays copied."""
         chosen = np.asarray(which, dtype=np.int64)
         places = {}
         for kind, first in first_places(self.drives).items():
@@ -254,7 +251,7 @@ class PackedEnsemble(_PackedArrays):
     def _select_variants(
         self, places: Mapping[str, slice | NDArray[np.int64]], drives: NDArray[Any], assemblies: Assemblies
     ) -> PackedEnsemble:
-        """Ensemble of the variants whose items are at `places`."""
+        """Packed ensemble of the variants whose items are at `places`."""
         arrays = {}
         for name, (group, of) in PACKED_ARRAYS.items():
             row, values = ARRAYS[group][of], getattr(self, name)
@@ -264,11 +261,7 @@ class PackedEnsemble(_PackedArrays):
         return replace(self, **arrays | {"drives": fill_first_places(drives)}, assemblies=assemblies)
 
     def at_precision(self, precision: str) -> PackedEnsemble:
-        """Packed ensemble at another precision.
-
-        Raises:
-            SimulationError: an unknown precision.
-        """
+        """Packed ensemble at another precision, or SimulationError."""
         real = real_type(precision)
         if precision == self.precision:
             return self

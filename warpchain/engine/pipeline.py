@@ -1,6 +1,6 @@
 """Pipeline of a run in subensembles: some are packed while GPUs step others and threads compute their metrics.
 
-A variant's result does not depend on how a run is divided. Where a GPU fails, another takes its subensemble.
+Results do not depend on the division. Where a GPU fails, another takes over.
 """
 
 from __future__ import annotations
@@ -65,7 +65,7 @@ def deal_variants(variants: Variants, count: int, gpus: int) -> Iterator[NDArray
 
 
 def _has_too_large_drive(variants: Variants) -> bool:
-    """Whether a drive is larger than GPUs accept."""
+    """Whether a drive of a run is larger than GPUs accept."""
     from warpchain.engine.gpu import MOST_LINKS, MOST_PARTNERS
 
     drives = [stack.one for stack in variants.stacks]
@@ -103,9 +103,9 @@ class SubensembleQueue:
     """Queue that runs subensembles on GPUs, as a context.
 
     Args:
-        settings: precision and threads; the device is replaced.
-        make_recorders: gives a subensemble's recorder and keeper of states.
-        again: whether a subensemble whose GPU fails may go to another.
+        settings: precision and threads.
+        make_recorders: gives a subensemble's recorder and state keeper.
+        again: whether another GPU may repeat a failed subensemble.
         total: simulated time of all [s].
     """
 
@@ -146,7 +146,7 @@ class SubensembleQueue:
         wp.set_device(self._device)  # which threads set in turns
 
     def add(self, part: Subensemble) -> None:
-        """Hands a subensemble to the next free GPU.
+        """Adds a subensemble to the queue, for the next free GPU.
 
         Raises:
             SimulationError: a variant that a GPU does not accept.
@@ -163,11 +163,7 @@ class SubensembleQueue:
         self._report_progress()
 
     def _run_on_gpu(self, number: int, part: Subensemble) -> SubensembleResult:
-        """Result of a subensemble on a GPU, or another.
-
-        Raises:
-            DeviceError: no GPU is left, or it is not to be run again.
-        """
+        """Result of a subensemble on a GPU, or another if it fails; raises DeviceError where none is left."""
 
         def note(phase: str, done: float, total: float) -> None:
             """Notes a subensemble's progress, for the report of all."""
@@ -197,7 +193,7 @@ class SubensembleQueue:
 
     @property
     def layout_faults(self) -> list[Sequence[str]]:
-        """Faults of all added variants' layouts."""
+        """Layout faults of the variants of all queued subensembles."""
         return [self._layouts[number] for number in sorted(self._layouts)]
 
     def joined_result(self) -> SubensembleResult:

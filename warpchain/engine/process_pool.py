@@ -29,12 +29,9 @@ def map_in_processes(
     phase: str = "",
     report: ProgressReport = ignore_progress,
 ) -> list[Any]:
-    """Results, or exceptions, of a function for many things, in processes.
+    """Results, or exceptions, of a module's function for many things, in at most `workers` processes.
 
-    Args:
-        work: function of a module, or `functools.partial` of one.
-        workers: processes at most.
-        phase, report: what is reported as things are done.
+    `phase` and `report` are for progress reports.
 
     Raises:
         SimulationError: a process ended before its work.
@@ -92,7 +89,7 @@ def _result_or_error(work: Callable[[Any], Any], thing: Any) -> Any:
 
 
 def serve_requests() -> None:
-    """Does pickled work from standard input, in a process."""
+    """Does pickled work from standard input, in a pool's process."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # the one who asks ends it
     with os.fdopen(os.dup(1), "wb") as answers:
         os.dup2(2, 1)

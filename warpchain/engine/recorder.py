@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from warpchain.engine.packed_ensemble import PackedEnsemble
 
 BUFFER_FRACTION = 0.25
-"""Part of the memory budget of the two frame buffers."""
+"""Part of the memory budget for the recorder's two frame buffers."""
 
 
 @dataclass(frozen=True)
@@ -44,14 +44,14 @@ class RecordingOptions:
 
     @property
     def frames(self) -> Record:
-        """Options of frames: those of the recording, with what metrics need."""
+        """Recorded frames' options, with the channels that metrics need."""
         if not self.measured:
             return self.record
         return replace(self.record, variants="all", channels=self.channels_with_measured)
 
     @property
     def channels_with_measured(self) -> tuple[str, ...]:
-        """Channels that are recorded, and those that metrics need."""
+        """Channels that are recorded or that metrics need."""
         wanted = {*self.record.channels, *self.measured}
         return tuple(name for name in CHANNEL_NAMES if name in wanted)
 
@@ -77,7 +77,7 @@ class RecordingOptions:
 
 
 def _memory_beside_statistics(packed: PackedEnsemble, memory: int) -> int:
-    """Memory budget [bytes] beside an ensemble's sums."""
+    """Memory budget [bytes] beside an ensemble's sums, or SimulationError."""
     from warpchain.engine.arrays import sums_bytes
 
     taken = sums_bytes(packed)
@@ -158,7 +158,7 @@ class Recorder:
             )
 
     def launch_step_limit(self, limit: int, most: int | None = None) -> int:
-        """Number of steps of a launch whose frames fit."""
+        """Most steps of a launch whose recorded frames fit."""
         if not self.indices:
             return limit
         values = self._buffer_values if most is None else min(self._buffer_values, most // self.bytes_per_value)
@@ -166,7 +166,7 @@ class Recorder:
         return int(max(1, min(limit, room / float((self.widths / self.every).sum()))))
 
     def lay_out_buffer(self, steps: int) -> int:
-        """Lays out a buffer of frames; returns its length."""
+        """Lays out a buffer of recorded frames; returns its length."""
         counts = steps // self.every + 1 if self.indices else np.zeros(0, dtype=np.int64)
         ends = np.cumsum(counts * self.widths)
         self.first = ends - counts * self.widths
@@ -174,7 +174,7 @@ class Recorder:
         return int(ends[-1]) if self.indices else 0
 
     def take_frames(self, buffer: NDArray[np.floating], before: NDArray[Any], after: NDArray[Any]) -> None:
-        """Takes the frames of a launch from its buffer."""
+        """Takes the frames of a launch from the recorder's buffer."""
         parts: dict[int, list[Trajectory]] = {}
         for k, (v, r) in enumerate(zip(self.owners, self.written, strict=True)):
             every, width = int(self.every[k]), int(self.widths[k])
@@ -191,14 +191,14 @@ class Recorder:
             self._keep_chunk(v, trajectory_of_chains(self.drives[v], chains))
 
     def _trajectory(self, r: int, time: NDArray[np.float64], values: NDArray[np.floating]) -> Trajectory:
-        """Trajectory of a row's frames in a buffer, copied."""
+        """Trajectory of row r's recorded frames, copied."""
         model = self.rows.models[r]
         channels = self.packed.frame.split_frames(values, PartCounts.of_drive(model))
         held = {name: np.array(channels[name], order="C") for name in channels_of_drive(model, self._frame_channels)}
         return Trajectory(self.drives[self.rows.variant_of_row[r]], time, **held, chain=model)
 
     def _keep_chunk(self, v: int, chunk: Trajectory) -> None:
-        """Appends recorded frames to archive or memory, and those in the window to what metrics are computed of."""
+        """Appends recorded frames to archive or memory, those in the window for metrics."""
         if self._measured_channels:
             schedule = self.schedules[v]
             first, last = ((step - 0.5 * way) * schedule.step
@@ -215,18 +215,18 @@ class Recorder:
             self._kept[v].append(chunk)
 
     def kept_trajectories(self) -> Mapping[int, Trajectory]:
-        """Trajectories kept in memory, by variants' numbers; hands them over."""
+        """Recorded trajectories in memory, by variants' numbers; empties it."""
         if self._archive is not None:
             return {}
         return {self.numbers[v]: self._joined_trajectory(v, self._kept, self.channels) for v in list(self._kept)}
 
     def measured_trajectories(self) -> Mapping[int, Trajectory]:
-        """Frames in the window for plug-ins' metrics, by variants' numbers; hands them over."""
+        """Frames in the window for plug-ins' metrics, by variants' numbers; empties them."""
         held, channels = self._measured, self._measured_channels
         return {self.numbers[v]: self._joined_trajectory(v, held, channels) for v in list(held)}
 
     def _joined_trajectory(self, v: int, held: dict[int, list[Trajectory]], wanted: tuple[str, ...]) -> Trajectory:
-        """Trajectory joined of a variant's parts."""
+        """Trajectory joined of a variant's recorded chunks."""
         chunks = held.pop(v)
         if not chunks:
             rows = range(self.begins[v], self.begins[v + 1])
@@ -242,6 +242,6 @@ class Recorder:
 
 
 def _with_channels(trajectory: Trajectory, wanted: Sequence[str]) -> Trajectory:
-    """Trajectory with those of its channels that are wanted."""
+    """Trajectory with the `wanted` of its channels alone."""
     dropped: dict[str, Any] = {name: None for name in trajectory.channels() if name not in wanted}
     return replace(trajectory, **dropped)

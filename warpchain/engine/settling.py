@@ -1,6 +1,6 @@
 """Settling: brings assembled chains to static equilibrium, all sprockets held, before the first step.
 
-Done in float64 whatever the run's precision, by the kernel `relax`.
+Always in float64, by the kernel `relax`.
 """
 
 from __future__ import annotations
@@ -36,19 +36,19 @@ SETTLE_LIMIT = 100_000
 """Most steps of settling a variant."""
 
 SETTLE_TOLERANCE = 1.0e-3
-"""Residual of settling over link force."""
+"""Residual of settling over the largest link force."""
 
 SETTLE_DAMPING = 0.1
 """Link damping while settling, of sqrt(k m)."""
 
 SETTLE_STEP = 0.7
-"""Relaxation step over the stability limit."""
+"""Step of settling over the stability limit."""
 
 
 def settling_ensemble(packed: PackedEnsemble) -> PackedEnsemble:
     """Packed ensemble to settle: at rest, held, damped, frictionless.
 
-    Rollers inside guides are pushed out through the face.
+    Guides push rollers inside them out through the face.
     """
     still = packed.copy()
     for name in ("tooth_friction", "guide_friction"):
@@ -83,7 +83,7 @@ def damp_arm_contacts(still: PackedEnsemble) -> None:
 
 
 def lighten_arms(packed: PackedEnsemble, stacks: Sequence[Stack[ChainModel]]) -> None:
-    """Lightens arms for settling."""
+    """Reduces arms' inertias for settling, as its step allows."""
     for stack in stacks:
         model, count = stack.one, len(stack.one.arms)
         if count:
@@ -125,7 +125,7 @@ def settle_variants(
     engine = make_engine(device, still, cores)
 
     def done() -> tuple[float, float]:
-        """Drives settled so far, and all."""
+        """Number of drives settled so far, and of all."""
         now = engine.settling_states()
         return float(np.where(now["settled"], 1.0, now["steps"] / SETTLE_LIMIT)[wanted].sum()), float(wanted.sum())
 
@@ -149,7 +149,7 @@ def settle_variants(
 def _move_to_settled(
     packed: PackedEnsemble, stack: Stack[ChainModel], moved: NDArray[np.floating], bodies: NDArray[Any]
 ) -> None:
-    """Moves rollers, arms and boxes to where they settled."""
+    """Moves packed rollers, arms and boxes to their settled places."""
     model, rows = stack.one, packed.drives[stack.members]
     links = model.chain.rollers
     first = STATE_ROWS * rows["first_roller"].astype(np.int64)
@@ -170,11 +170,7 @@ def _move_to_settled(
 
 
 def largest_net_forces(packed: PackedEnsemble, residual: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Largest net force (V,) [N] on a roller after settling.
-
-    Args:
-        residual: (V,) over the largest link force.
-    """
+    """Largest net force (V,) [N] on a roller after settling to `residual` (V,)."""
     largest = np.zeros(packed.variants)
     for alike, first, count in packed.groups_by_rollers():
         x, y = roller_coordinates(packed.rollers, first, count)

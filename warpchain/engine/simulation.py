@@ -157,7 +157,7 @@ def simulate(
     with recording.open_archive(chosen, info) as writer:
 
         def make_recorders(part: Subensemble) -> tuple[Recorder, StateKeeper | None]:
-            """Recorder of a subensemble, and keeper of its states, if any."""
+            """Recorder of a subensemble's frames, and state keeper, if any."""
             return part.make_recorder(recording, len(chosen), writer), part.make_state_keeper(kept, settings)
 
         with progress_reporter(progress) as report, interruptible_work() as stop:
@@ -212,7 +212,7 @@ def schedules_of(
         rate[v] = drives[v].run.sample_rate if record.rate is None else record.rate
 
     def schedules(of: slice) -> Schedules:
-        """Those of some variants."""
+        """Schedules of a range of variants."""
         return _schedules(of.start, h[of], longest[of], length[of], window, rate[of])
 
     try:
@@ -226,11 +226,7 @@ def schedules_of(
 def _step_sizes(
     count: int, step: float | str | None, stacks: Sequence[Stack[Drive]]
 ) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
-    """Step of each of `count` variants [s], and most steps between samples.
-
-    Raises:
-        DriveError: the first variant whose step is beyond its limit.
-    """
+    """Steps (V,) of variants [s], or DriveError, and most steps between samples."""
     found, longest = np.zeros(count), np.zeros(count, dtype=np.int64)
     refused: list[tuple[int, DriveError]] = []
     for stack in stacks:
@@ -252,17 +248,17 @@ def _schedules(
     window: tuple[float, float] | None,
     rate: NDArray[np.float64],
 ) -> Schedules:
-    """Schedules of variants, the first of them numbered `first`.
+    """Schedules of variants from number `first` on, in whole steps.
 
     Args:
-        h: (V,) their steps [s].
-        longest: (V,) most steps between two samples.
+        h: (V,) steps [s].
+        longest: (V,) most steps between samples.
         length: (V,) simulated time [s].
         window: as of `simulate`.
         rate: (V,) of frames [Hz], 0 for none.
 
     Raises:
-        SimulationError: a number of steps, or a window, that is not allowed; the message names the first variant's.
+        SimulationError: a number of steps, or a window, that is not allowed.
     """
     start, end = (0.5 * length, length) if window is None else (np.full_like(length, time) for time in window)
     of_step = f"s at a step of {h[0]:.4g} s"
@@ -285,12 +281,7 @@ def _schedules(
 
 
 def longest_sample_interval(drive: Drive, step: float | NDArray[np.float64]) -> NDArray[np.int64]:
-    """Most steps (V,) between samples, by chain speed.
-
-    Args:
-        drive: one, or a stack.
-        step: [s], or (V,) of each variant.
-    """
+    """Most steps (V,) between samples, by chain speed; `step` in s."""
     moved = np.asarray(maximum(*(of.chain_speed * step / of.chain.pitch for of in Model(drive).chains)))
     return np.where(
         (moved > 0.0) & (SAMPLES_PER_PITCH * LONG_SAMPLE_INTERVAL * moved <= 1.0), LONG_SAMPLE_INTERVAL, LOOK_EVERY
@@ -298,7 +289,7 @@ def longest_sample_interval(drive: Drive, step: float | NDArray[np.float64]) -> 
 
 
 def sample_interval(longest: Any, window: Any) -> Any:
-    """Steps between two samples in windows of so many steps (...), at most `longest`."""
+    """Steps between samples in windows of so many steps, at most `longest`."""
     return np.where(window >= SAMPLES_PER_WINDOW * longest, longest, LOOK_EVERY)
 
 

@@ -45,10 +45,10 @@ from warpchain.model.trains import body_turning_sign, is_free_body, prescribed_l
 
 FORCE_NUMBERS = {force.key: form for form, force in enumerate(FORCES)}
 JOINT_INERTIA = 0.6
-"""Part of m p^2 / 6 that joint friction stops."""
+"""Part of m p^2 / 6 that joint friction has to stop."""
 
 CONTACT_MARGIN = 1.0 / 16.0
-"""Distance, in roller radii, at which contacts count."""
+"""Distance, in roller radii, from which contacts count."""
 
 PIN_STIFFNESS = 12.0
 """Stiffness of a pin in its bush over a link's."""
@@ -57,7 +57,7 @@ TANGENTIAL_STIFFNESS = 0.8
 """Tangential over normal stiffness of contacts (Mindlin 1949)."""
 
 DEEPEST_ENTRY = 0.5
-"""Depth in a guide, in roller radii, of missed faces."""
+"""Depth in a guide, in roller radii, beyond which its face was missed."""
 
 
 class RowList:
@@ -91,7 +91,7 @@ def fill_law_row(row: Any, contact: ImpactLaw, stiffness: float, mass: float) ->
 
 
 def fill_sprocket_row(row: Any, model: ChainModel, s: int, seats: RowList) -> None:
-    """Fills the `structs.Sprocket` of sprocket s, or of an end; `seats` gathers tooth seats."""
+    """Fills the `structs.Sprocket` of sprocket s or an end, and its rows of `seats`."""
     teeth = model.sprockets[s].teeth
     if teeth not in seats.known:
         angle = 2.0 * np.pi * np.arange(teeth) / teeth
@@ -121,7 +121,7 @@ def fill_sprocket_row(row: Any, model: ChainModel, s: int, seats: RowList) -> No
 
 
 def _fill_wheel(row: Any, model: ChainModel, s: int) -> None:
-    """Fills what is other in the `structs.Sprocket` of a silent chain: flanks for toes, contacts half as stiff."""
+    """Fills a silent chain's `structs.Sprocket`: flanks for toes, contacts half as stiff."""
     plate, tooth, pitch, radius = model.chain.plate, model.tooth(s), model.sprocket_pitch(s), model.pitch_radius(s)
     row["law"]["ahead"] = CONTACT_MARGIN * plate.tip_radius
     row["law"]["stiffness"] *= 0.5
@@ -144,7 +144,7 @@ def fill_plate_row(row: Any, model: ChainModel) -> None:
 
 
 def _fill_end(row: Any, model: ChainModel, s: int) -> None:
-    """Fills the `structs.Sprocket` of an end: a hole that holds one pin, as stiff as a link."""
+    """Fills the `structs.Sprocket` of an end: a hole for one pin, as stiff as a link."""
     row["pin"] = 1 if s == 0 else model.chain.rollers
     row["near_square"], row["far_square"] = -1.0, np.inf
     row["cos_half_seat"], row["sin_half_seat"] = -1.0, 0.0
@@ -187,14 +187,14 @@ def fill_motion_row(row: Any, model: ChainModel, s: int, angle: Any, harmonics: 
 
 
 def _fill_harmonics_row(row: Any, rows: NDArray[np.float64], harmonics: RowList) -> None:
-    """Appends rows of harmonics, and fills where they stand."""
+    """Appends rows of a body's harmonics, and fills their place."""
     first, _ = harmonics.add(rows)
     row["count"] = rows.shape[-2]
     row["first"] = first + (rows.shape[-2] * np.arange(len(rows)) if rows.ndim > 2 else 0)
 
 
 def fill_table_row(row: Any, model: ChainModel, s: int, table: Table | None, tables: TableList) -> None:
-    """Fills where a body's table stands, and adds it."""
+    """Fills the place of a body's table, and adds it."""
     if table is not None:
         tables.add(row, table, shaft_ratio(model, s, table.shaft))
 
@@ -221,10 +221,7 @@ def fill_guide_row(row: Any, model: ChainModel, g: int) -> None:
 
 
 def fill_friction_row(row: Any, rubbing: FrictionCoefficients, effective_mass: float, stiffness: float) -> None:
-    """Fills a contact's `structs.Friction`, apart from the step.
-
-    `effective_mass` is what friction has to stop [kg] (`tooth_effective_mass`).
-    """
+    """Fills a contact's `structs.Friction`, apart from the step; `effective_mass` in kg."""
     if rubbing.has_friction:
         fill_friction_coefficients(row, rubbing, effective_mass, stiffness)
 
@@ -232,9 +229,7 @@ def fill_friction_row(row: Any, rubbing: FrictionCoefficients, effective_mass: f
 def fill_friction_coefficients(row: Any, rubbing: FrictionCoefficients, inertia: float, stiffness: float) -> None:
     """Fills a `structs.Friction`, apart from the step.
 
-    Args:
-        inertia: what friction has to stop [kg], of joints [kg m^2].
-        stiffness: of the contact across its surface [N/m], of joints [N m/rad].
+    `inertia` is what friction has to stop [kg], `stiffness` along the surface [N/m]; of joints [kg m^2], [N m/rad].
     """
     row["inertia"], row["stiffness"] = inertia, TANGENTIAL_STIFFNESS * stiffness
     row["mu_dynamic"], row["mu_static"] = rubbing.dynamic, rubbing.static
@@ -242,12 +237,10 @@ def fill_friction_coefficients(row: Any, rubbing: FrictionCoefficients, inertia:
 
 
 def tooth_effective_mass(model: ChainModel, s: int) -> float:
-    """Effective mass m_e [kg] of a roller on a sprocket.
+    """Effective mass m_e [kg] of a roller on sprocket s: 1/m_e = 1/m + z (1/M + (r + b/M)^2 / J).
 
-    Forces f_i on z contacts change their sliding speeds by (1/m + G) f, no eigenvalue of G above its trace, z times 1/M
-    + (r + b/M)^2 / J for a sprocket that turns and whose center moves (b of its balance wheel, J about their common
-    center of mass), r as far as contacts reach; an arm adds d^2 / I, d the center from its pivot. So 1/m_e = 1/m + z
-    times that.
+    z contacts act on a sprocket that turns, and whose center moves (1/M, and b of its balance wheel), J about their
+    center of mass, r as far as contacts reach. An arm adds d^2 / I, d the center from its pivot.
     """
     sprocket, mobility, offset = model.sprockets[s], 0.0, 0.0
     wheel = sprocket.balance_wheel
@@ -321,7 +314,7 @@ def widen_box(row: Any, position: NDArray[np.floating], margin: NDArray[np.float
 
 
 def fill_hub_row(row: Any, model: ChainModel, s: int) -> None:
-    """Fills the `structs.Hub` of a sprocket, for 1 s."""
+    """Fills the `structs.Hub` of a sprocket, for a 1 s step."""
     sprocket, arm = model.sprockets[s], model.carrier(s)
     row["arm"] = GROUND if arm is None else model.first_arm_body + arm
     if arm is not None:
@@ -389,7 +382,7 @@ def _diagonal_matrices(values: tuple[float, float]) -> NDArray[np.float64]:
 
 
 def fill_chain_row(row: Any, model: ChainModel, assembly: Assembly) -> None:
-    """Fills a `structs.Chain`, joint friction for 1 s."""
+    """Fills a `structs.Chain`, joint friction for a 1 s step."""
     chain = model.chain
     row["stiffness"], row["damping"] = chain.stiffness, chain.link_damping
     row["outer_stiffness"], row["outer_damping"] = chain.outer_stiffness, chain.outer_damping

@@ -63,7 +63,7 @@ class Variants:
         return rollers * (self.schedules.columns["steps"] + 1.0)
 
     def select(self, chosen: NDArray[np.bool_]) -> Variants:
-        """Variants that are chosen (V,), in suitable stacks."""
+        """Variants of a run that are `chosen` (V,), in stacks."""
         kinds = (stack_of_chosen(stack, chosen) for stack in self.stacks if chosen[stack.members].any())
         stacks = [part for stack in kinds for part in split_stack(stack)]
         drives = [self.drives[v] for v in np.flatnonzero(chosen).tolist()]
@@ -80,7 +80,7 @@ class DeviceSettings:
 
 
 SettledRows = tuple[NDArray[Any], NDArray[np.float64]]
-"""`Settling` (rows,), and the largest net force (rows,) that it left on a roller [N]."""
+"""`Settling` (rows,), and the largest net force (rows,) [N] left on a roller."""
 
 
 @dataclass(frozen=True)
@@ -95,10 +95,7 @@ class SubensembleResult:
 
 
 class Subensemble:
-    """Subensemble of a run's variants, packed.
-
-    Args:
-        frame: layout of recorded frames.
+    """Subensemble of a run's variants, packed; `frame` is the layout of frames.
 
     Raises:
         DriveError: a chain that does not fit.
@@ -121,7 +118,7 @@ class Subensemble:
         return Recorder(variants.schedules, variants.numbers, self.packed, recording, self.rows, count, archive)
 
     def make_state_keeper(self, states: States | None, settings: DeviceSettings) -> StateKeeper | None:
-        """Keeper of the variants' states, or None."""
+        """Keeper of the subensemble's checkpoints, or None."""
         if states is None:
             return None
         from warpchain.engine.checkpoint import StateKeeper
@@ -137,7 +134,7 @@ class Subensemble:
         report: ProgressReport,
         stop: StopRequest,
     ) -> SubensembleResult:
-        """Result of the subensemble, settled and stepped."""
+        """Result of the subensemble, settled and stepped on a device."""
         packed = self.packed
         settled = self.settle(settings, keeper, report, stop)
         steps = launch_step_limit(
@@ -158,13 +155,13 @@ class Subensemble:
             engine.close()
 
     def launch_steps(self, device: str) -> int:
-        """Most steps of a launch on a device."""
+        """Most steps of a subensemble's launch on a device."""
         return launch_step_limit(device, self.packed, max(1, LAUNCH_WORK // int(self.packed.drives["rollers"].max())))
 
     def settle(
         self, settings: DeviceSettings, keeper: StateKeeper | None, report: ProgressReport, stop: StopRequest
     ) -> SettledRows:
-        """Settles the packed variants, once the run's kernels are there, and perturbs them."""
+        """Settles and perturbs the subensemble's variants, once kernels are loaded."""
         models, stacks, packed = self.rows.models, self.rows.stacks, self.packed
         settling, of = (models, stacks) if keeper is None else (keeper.drives_to_settle(), None)
 
@@ -187,10 +184,9 @@ class Subensemble:
     def outcome(
         self, engine: Engine, settling: SettledRows, stored: NDArray[np.float64] | None = None
     ) -> tuple[VariantEnds[Drive], Callable[[], ColumnBlocks]]:
-        """Final states of the variants, and what gives their metrics.
+        """Final states of the subensemble's variants, and a function of their metrics.
 
-        Args:
-            stored: (rows,) energy [J] that something else than a drive's parts has stored in the window, or None.
+        `stored` (rows,) is energy [J] that went outside of a drive's parts in the window.
         """
         models, stacks = self.rows.models, self.rows.stacks
         state, (settled, left) = engine.progress(), settling
@@ -227,7 +223,7 @@ def _metric_blocks(
     chains = np.diff(begins)
 
     def chain_ends(variants: NDArray[np.intp]) -> list[ChainEnds]:
-        """Ends and sums of each chain of variants that have as many."""
+        """Ends and sums of each chain, of variants of equal chain numbers."""
         found = [begins[variants] + c for c in range(int(chains[variants[0]]))]
         return [(rows.select_variants(mine), split_sums(*sums, mine)) for mine in found]
 
@@ -235,7 +231,7 @@ def _metric_blocks(
 
 
 def _wait_for_launch(futures: list[Future[None]], stop: StopRequest, report_state: Callable[[], None]) -> None:
-    """Waits for a launch, reporting its state, or cancels what has not begun."""
+    """Waits for a subensemble's launch, reporting its state, or cancels the rest."""
     pending = set(futures)
     while pending:
         _, pending = wait(pending, timeout=0.1)
@@ -266,7 +262,7 @@ def _launch_all_steps(
     taken: tuple[Any, Any, Any] | None = None
 
     def report_simulated_time() -> None:
-        """Reports simulated time of all variants [s], by their rollers' steps."""
+        """Reports simulated time of a subensemble's variants [s]."""
         state = engine.progress()
         done = np.where(state["diverged"] == 1, last + 1, state["step"])
         report("simulating", simulated * (float((done * rollers).sum()) / total), simulated)
@@ -292,7 +288,7 @@ def _launch_all_steps(
 def _next_launch_steps(
     engine: Engine, most: int, progress: NDArray[Any], keeper: StateKeeper | None
 ) -> int | NDArray[np.integer]:
-    """Steps of the next launch, one or (V,)."""
+    """Steps of a subensemble's next launch, one number or (V,)."""
     ahead = np.full(len(progress), MOST_STEPS) if keeper is None else keeper.steps_ahead(progress)
     if engine.has_own_steps:
         return next_launch_steps(np.minimum(steps_left(engine.packed.drives, progress), ahead), most)
@@ -301,7 +297,7 @@ def _next_launch_steps(
 
 @cache
 def _import_ahead() -> None:
-    """Imports what metrics need, in a thread."""
+    """Imports the modules of metrics, in a thread."""
     Thread(target=import_module, args=("scipy.special",)).start()
 
 

@@ -28,17 +28,17 @@ if TYPE_CHECKING:
     import pyarrow as pa
 
 SAMPLED_STEPS, SAMPLES_PER_CYCLE = 10_000, 500
-"""Steps and samples of a tensioner bench's cycle."""
+"""Steps and samples of a tensioner rig's cycle."""
 SWEEP_STEPS = 2_500
-"""Steps of a cycle that is not sampled."""
+"""Steps of a rig's cycle that is not sampled."""
 MOST_CYCLES = 10_000
 """Most cycles of a ride, and of all sampled rides."""
 FARTHEST = 1.0
-"""Most amplitude and extension [m]."""
+"""Most amplitude and extension of a plunger [m]."""
 SLOWEST, FASTEST = 1e-4, 1e5
-"""Allowed frequencies [Hz]."""
+"""Allowed frequencies of a rig [Hz]."""
 THINNEST, THICKEST = 1e-8, 20.0
-"""Allowed kinematic viscosities [m^2/s]."""
+"""Allowed kinematic viscosities of oil [m^2/s]."""
 
 SAMPLE_UNITS = {
     "time": "s", "extension": "m", "force": "N", "pressure": "Pa", "valve_lift": "m", "leaked": "m^3",
@@ -127,7 +127,7 @@ def shake_tensioner(
     wp.load_module(shake_plungers.module, device="cpu")  # before any thread launches it
 
     def ride(first: int) -> None:
-        """Shakes the plunger of one row."""
+        """Shakes the plunger of one ride."""
         wp.launch(shake_plungers, dim=1, inputs=[*given, first, values, sums], device="cpu")
 
     with (
@@ -143,11 +143,7 @@ def shake_tensioner(
 
 
 def tensioner_by_name(drive: Drive, name: str) -> TensionerPart:
-    """Tensioner of a name.
-
-    Raises:
-        DriveError: no such name; lists those that there are.
-    """
+    """Tensioner of a name, or DriveError with all names."""
     for tensioner in drive.tensioners:
         if tensioner.name == name:
             return tensioner
@@ -179,7 +175,7 @@ def _check_motion(tensioner: TensionerPart, one: PlungerMotion, cycles: int) -> 
 def _struct_rows(
     model: ChainModel, tensioner: TensionerPart, shakes: Sequence[PlungerMotion], cycles: int, samples: bool
 ) -> tuple[NDArray[Any], NDArray[Any]]:
-    """Rows of `Ride` and of `structs.Tensioner` for rides."""
+    """Rows of `Ride` and of `structs.Tensioner` for a tensioner's rides."""
     rides = np.zeros(len(shakes), dtype=Ride.numpy_dtype())
     rows = np.zeros(len(shakes), dtype=Tensioner.numpy_dtype())
     for ride, row, one in zip(rides, rows, shakes, strict=True):
@@ -193,7 +189,7 @@ def _struct_rows(
 
 
 def tensioner_with_viscosity(tensioner: TensionerPart, viscosity: float | None) -> TensionerPart:
-    """Tensioner with another oil [m^2/s]; None keeps its own."""
+    """Tensioner with another oil viscosity [m^2/s]; None keeps its own."""
     if viscosity is None:
         return tensioner
     assert tensioner.oil is not None
@@ -201,7 +197,7 @@ def tensioner_with_viscosity(tensioner: TensionerPart, viscosity: float | None) 
 
 
 def _ride_table(tensioner: TensionerPart, shakes: Sequence[PlungerMotion], sums: NDArray[Any]) -> pa.Table:
-    """Table of rides, a row each, from their sums."""
+    """Table of a tensioner's rides from their sums."""
     own = math.nan if tensioner.oil is None else tensioner.oil.viscosity
     given = {
         "frequency": [one.frequency for one in shakes],
@@ -215,13 +211,13 @@ def _ride_table(tensioner: TensionerPart, shakes: Sequence[PlungerMotion], sums:
 
 
 def _sample_table(one: PlungerMotion, values: NDArray[np.float64]) -> pa.Table:
-    """Table of a ride's samples."""
+    """Table of the samples of a tensioner's ride."""
     time = np.arange(len(values)) / (one.frequency * SAMPLES_PER_CYCLE)
     return _unit_table({"time": time} | dict(zip(SAMPLE_COLUMNS, values.T, strict=True)), SAMPLE_UNITS)
 
 
 def _unit_table(columns: dict[str, Any], units: dict[str, str]) -> pa.Table:
-    """Table of columns with units in the fields' metadata."""
+    """Table of a tensioner's columns with units as metadata."""
     import pyarrow as pa
 
     return table_with_units({name: pa.array(np.ascontiguousarray(columns[name])) for name in units}, units)

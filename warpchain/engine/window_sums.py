@@ -1,7 +1,4 @@
-"""Sums of the window by variant, over all of it and batch by batch, from the arrays that engines hand back.
-
-Kernels note some of the sums at the ends of batches (`kernels.statistics`).
-"""
+"""Sums of the window by variant, over all of it and batch by batch, from the arrays of engines."""
 
 from __future__ import annotations
 
@@ -23,7 +20,7 @@ LONG_BATCHES = 20
 
 
 def tension_edges(scale: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Edges (V, bins + 1) [N] of tension bins."""
+    """Edges (V, bins + 1) [N] of the histogram of tension."""
     return scale[:, None] * np.sinh(STEP * (np.arange(int(BINS) + 1) - int(ZERO)))
 
 
@@ -47,16 +44,16 @@ def split_sums(sums: dict[str, Any], packed: PackedEnsemble, variants: NDArray[n
 
 
 def _rows_by_variant(values: NDArray[Any], begin: NDArray[np.integer], count: int) -> NDArray[Any]:
-    """Rows (V, count, ...) of each variant from `begin`."""
+    """Rows (V, count, ...) of sums of each variant from `begin`."""
     if (np.diff(begin) == count).all():
         return values[begin[0] : begin[0] + len(begin) * count].reshape(len(begin), count, *values.shape[1:])
     return values[consecutive_places(begin, count)]
 
 
 def _add_late_work(found: dict[str, Any], packed: PackedEnsemble, drive: Any) -> None:
-    """Subtracts the bodies' late work (`physics.body.late_contact_power`) from contacts' dissipation.
+    """Subtracts bodies' late work (`physics.body.late_contact_power`) from contacts' dissipation.
 
-    Of an arm it goes to the first guide, else sprocket, that it carries.
+    An arm's goes to the first guide, else sprocket, on it.
     """
     found["contact"] = found["contact"].copy()  # not the engine's own
     taken, sprockets = found["contact"]["dissipated"], int(drive["sprockets"])
@@ -72,7 +69,7 @@ def _add_late_work(found: dict[str, Any], packed: PackedEnsemble, drive: Any) ->
 def _batch_sums_by_name(
     found: Mapping[str, Any], drives: NDArray[Any], batches: int
 ) -> tuple[dict[str, SumFields], NDArray[np.float64]]:
-    """Sums over batches of the window, and lengths (V, batches) [s]."""
+    """Sums over the window's batches by name, and their durations (V, batches) [s]."""
     kept = slice(int(BATCHES) // batches - 1, None, int(BATCHES) // batches)  # the notes that end one
     noted = [name for name in found if f"{name}_notes" in found]
     sums = {name: batch_sums(found[f"{name}_notes"][..., kept], found[name]) for name in noted}
@@ -89,7 +86,7 @@ def note_steps(
 
 
 def has_batches(window: NDArray[Any] | int, sample_interval: NDArray[Any] | int, batches: int = LONG_BATCHES) -> Any:
-    """(...) whether a window has a sample for each batch."""
+    """Whether windows (...) have a sample for each batch."""
     return window >= batches * sample_interval
 
 
@@ -109,11 +106,9 @@ def _batch_edges(drives: NDArray[Any], batches: int) -> tuple[NDArray[np.int64],
 
 
 def batch_sums(notes: NDArray[Any], totals: NDArray[Any]) -> SumFields:
-    """Sums over each batch, by field.
+    """Sums over each batch of the window, by field.
 
-    Args:
-        notes: (..., notes) sums at the batches' ends.
-        totals: (...) sums at the window's end.
+    `notes` (..., notes) are at the batches' ends, `totals` (...) at the window's.
     """
 
     def batches(name: str) -> NDArray[Any]:
