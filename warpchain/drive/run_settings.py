@@ -1,4 +1,4 @@
-"""Settings of a drive's run: steps, sampling, initial state; and probes, places that sense the chain."""
+"""Settings of a drive's run: steps, sampling, initial state; and probes of the chain."""
 
 from __future__ import annotations
 
