@@ -82,16 +82,16 @@ def _moved_guide_values(drive: Drive, g: int, way: NDArray[np.float64]) -> dict[
     """Keys and values of guide g's place, moved by `way` (2,) [m]."""
     guide, values = drive.as_read.guides[g], dict[str, object]()
 
-    def moved(point: tuple[float, float]) -> list[float]:
+    def moved_point(point: tuple[float, float]) -> list[float]:
         """A guide's point, moved and rounded [m]."""
         return [round(float(part + step), _DIGITS) for part, step in zip(point, way, strict=True)]
 
     for key in ("start", "end"):
         if (point := getattr(guide, key)) is not None:
-            values[f"guides.{g}.{key}"] = moved(point)
+            values[f"guides.{g}.{key}"] = moved_point(point)
     for key in ("points", "bolts"):
         if getattr(guide, key):
-            values[f"guides.{g}.{key}"] = [moved(point) for point in getattr(guide, key)]
+            values[f"guides.{g}.{key}"] = [moved_point(point) for point in getattr(guide, key)]
     for i, arc in enumerate(guide.arcs or ()):
-        values[f"guides.{g}.arcs.{i}.center"] = moved(arc.center)
+        values[f"guides.{g}.arcs.{i}.center"] = moved_point(arc.center)
     return values

@@ -44,11 +44,11 @@ def turned_profile(profile: Profile, pivot: Point, angle: float) -> Profile:
     if angle == 0.0:
         return profile
 
-    def moved(piece: Piece) -> Piece:
+    def moved_piece(piece: Piece) -> Piece:
         """The piece turned about the pivot."""
         return replace(piece, start=rotated_place(pivot, piece.start, angle), heading=piece.heading + angle)
 
-    return replace(profile, pieces=tuple(moved(piece) for piece in profile.pieces))
+    return replace(profile, pieces=tuple(moved_piece(piece) for piece in profile.pieces))
 
 
 def profile_at(model: ChainModel, g: int, arm_angle: Sequence[float]) -> Profile:

@@ -99,7 +99,7 @@ def load_moments(model: ChainModel, speed: float | Array) -> Array:
     return found
 
 
-def running(
+def at_work(
     model: ChainModel, assembly: Assembly | None = None, speed: float | None = None, moments: Array | None = None
 ) -> Steady:
     """Steady state at work under load, of an open chain at rest.

@@ -51,7 +51,7 @@ def working_tensions(
     Args:
         preload: at assembly [N].
         links: of the strands.
-        speed, moments: as of `warpchain.assembly.statics.running`.
+        speed, moments: as of `warpchain.assembly.statics.at_work`.
     """
     speed = model.driver_speed if speed is None else speed
     moments = statics.load_moments(model, speed) if moments is None else moments
@@ -109,7 +109,7 @@ def _derive_chain(model: ChainModel, assembly: Assembly, passed: RunUp, step_adv
     preload = max(0.0, model.chain.mean_stiffness * path.pitch * assembly.strain)
     driver, speed = model.sprockets[model.driver], model.driver_speed
     moments = run_up.run_up_moments(model, passed)
-    resting, running = statics.at_rest(model, assembly), statics.running(model, assembly, speed, moments[:, -1])
+    resting, running = statics.at_rest(model, assembly), statics.at_work(model, assembly, speed, moments[:, -1])
     strands = _strand_values(model, assembly, preload, resting, running, moments[:, -1])
     hardest = _hardest_pull(model, assembly, preload, passed, moments)
     working = path_at(model, running.arm_angle.tolist()) if model.arms and not running.failure else path
@@ -202,7 +202,7 @@ def _hardest_pull(
     if k < 0:
         return None
     speed, acceleration = passed.at(k)
-    found = statics.running(model, assembly, speed, moments[:, k])
+    found = statics.at_work(model, assembly, speed, moments[:, k])
     links = [int(n) for n in assembly.strand_links]
     tensions = working_tensions(model, preload, links, speed, moments[:, k]) if found.failure else found.tension
     return HardestPull(float(max(tensions)), speed, acceleration)

@@ -65,7 +65,7 @@ def has_tooth_jump(model: ChainModel, s: int) -> bool:
     if top_radius(model, s) <= model.riding_radius(s):
         return True
     try:
-        found = statics.running(_drive_on_tips(model, s, wraps))
+        found = statics.at_work(_drive_on_tips(model, s, wraps))
     except DriveError:  # no chain so short goes around: there is no slack to climb with
         return False
     if found.failure is not None and found.residual > MOST_LEFT:
