@@ -16,7 +16,7 @@ from warpchain.model import ChainModel
 from warpchain.model.trains import body_speed_ratio, free_body_loads
 
 ESCAPE_PITCHES = 10.0
-"""Least distance outside the drive's box of a roller that has left it, in pitches."""
+"""Least distance of an escaped roller outside the drive's box, in pitches."""
 
 SHARE = 0.1
 """Bin width of tension counts over the working tension."""

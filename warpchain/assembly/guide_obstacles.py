@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 OWN = 0.25
 """Farthest that a guide's strand may be behind its face, over the strand's length."""
 BEHIND = 1.5
-"""Factor on the distance of strands behind a guide in search of its nearest."""
+"""Factor on the distance of strands behind a guide."""
 
 _ALONG = 0.3  # cosine between a face's chord and a strand that may be its own
 _PLACES = 9  # along a face
@@ -60,7 +60,7 @@ def profile_at(model: ChainModel, g: int, arm_angle: Sequence[float]) -> Profile
 
 
 def own_strand(model: ChainModel, g: int, strands: Sequence[Line]) -> tuple[int, bool] | None:
-    """Strand of guide g, as drawn, and whether it runs along its pieces; or None."""
+    """Index of guide g's strand, as drawn, and whether it runs along its pieces; or None."""
     found = nearest_strand(model, g, strands)
     if found is None:
         return None
@@ -70,7 +70,7 @@ def own_strand(model: ChainModel, g: int, strands: Sequence[Line]) -> tuple[int,
 
 
 def nearest_strand(model: ChainModel, g: int, strands: Sequence[Line]) -> tuple[int, bool, float] | None:
-    """Strand nearest to guide g, whether it runs along its pieces, and its mean height [m]; or None."""
+    """Index of the strand nearest to guide g, whether it runs along its pieces, and its mean height [m]; or None."""
     profile, offset = model.profile(g), model.guide_offset(g)
     length = profile.face_length
     feet = [profile.at(length * i / (_PLACES - 1)) for i in range(_PLACES)]

@@ -50,7 +50,7 @@ MAX_STRAIN = 0.05
 """Largest nominal strain, taut or slack, of a chain that fits its path."""
 
 FEW = 16
-"""Least drives with chains on guides that are faster as a stack than one by one."""
+"""Least drives with chains on guides that are faster as a stack than alone."""
 
 Found = TypeVar("Found")
 Item = TypeVar("Item")

@@ -39,7 +39,7 @@ def passes_moment(sprocket: Sprocket) -> bool:
 
 
 def smallest_driven(model: ChainModel) -> int:
-    """Sprocket with the fewest teeth of those that pass on a moment."""
+    """Index of the sprocket with the fewest teeth of those that pass on a moment."""
     passing = (s for s, sprocket in enumerate(model.sprockets) if s == model.driver or passes_moment(sprocket))
     return min(passing, key=lambda s: model.sprockets[s].teeth)
 

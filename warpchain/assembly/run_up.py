@@ -98,7 +98,7 @@ def tension_rises(model: ChainModel, moments: Array) -> Array:
 
 
 def hardest_place(model: ChainModel, of: RunUp, moments: Array) -> int:
-    """Place of the run-up with the hardest pull on the chain; -1, at work, where none is harder."""
+    """Index of the run-up's place with the hardest pull on the chain; -1, at work, where none is harder."""
     rise = tension_rises(model, moments)
     chain_speed = of.speed * model.pitch_radius(model.driver)
     pull = np.ptp(rise, axis=0) + model.chain.mass / model.chain.pitch * chain_speed**2

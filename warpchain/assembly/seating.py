@@ -462,7 +462,7 @@ class Loop:
             (cl, sl), (ca, sa), (x, y), (u, v) = strand.leaving, strand.arriving, strand.first, strand.final
             jacobian[:, k, following] = self.radius[following] * (v * ca - u * sa)
             jacobian[:, k, k] = -self.radius[k] * (y * cl - x * sl)
-            jacobian[:, k, self.driver] = -elastic[k]
+            jacobian[:, k, self.driver] = -elastic[k]  # the strain's column
             residual.append(strand.length - lengths[k] - elastic[k] * seating.strain)
         if self.open:  # the gap between the ends closes by itself, and the angle of the last end is its own
             jacobian[:, -1] = 0.0
@@ -497,6 +497,7 @@ class Loop:
             link: length of a link [m].
         """
         radius, seats = self.radius[s], seating.seats[s]
+        # a straight strand's next roller, a link L away, is in the next gap if inward > L / (2 R)
         inside = link * (link - 2.0 * radius * inward) < -_TIE * self.pitch * radius
         outside = -inward > math.sin((0.5 + _SPARE) * self.pitch_angle[s])
         more = inside & (seating.links[k] > 1) & (seats < self.teeth[s])

@@ -33,7 +33,7 @@ PULLING_CHAIN_KEYS = "stiffness", "roller_mass", "mass_per_length"
 LAYOUT_FREE_KEYS = frozenset(("inertia", "load", "bearing"))
 """Keys of a sprocket that its layout is free of."""
 WEIGHT_KEYS = frozenset(("mass", "balance_wheel"))
-"""Keys of a sprocket that only weigh on an arm or an end."""
+"""Keys of a sprocket that only weigh on arms or ends."""
 
 
 @dataclass(frozen=True)

@@ -442,7 +442,7 @@ def _coordinate_name(potential: Potential, assembly: Assembly, i: int) -> str:
 
 
 def _slipped_sprocket(potential: Potential, assembly: Assembly, x: Array) -> int | None:
-    """Sprocket whose teeth the chain has left amid its wrap, or None."""
+    """Index of the sprocket whose teeth the chain has left amid its wrap, or None."""
     r, centers, angles = potential.split(x)
     for s, sprocket in enumerate(potential.model.sprockets):
         rollers = np.flatnonzero(assembly.seat_sprocket == s)

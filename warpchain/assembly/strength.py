@@ -12,7 +12,7 @@ from warpchain.model import ChainModel
 from warpchain.model.trains import body_speed_ratio, free_body_loads, is_held_body
 
 LEAST_STATIC, LEAST_DYNAMIC = 7.0, 5.0
-"""Least breaking load over the largest tension at work, and over that with the loads' peaks."""
+"""Least breaking load over the tension at work, and over that with peaks."""
 YIELD = 0.7
 """Tension at which links begin to yield, over the breaking load."""
 

@@ -88,7 +88,7 @@ class Arc:
         return self.center[0] + reach * y, self.center[1] - reach * x
 
     def is_past(self, heading: Any, last: bool) -> Any:
-        """Whether a tangent's heading lies beyond the arc's end, else begin."""
+        """Whether a tangent's heading lies beyond an arc's end, or before its begin unless `last`."""
         if self.guide < 0:
             return False
         off = wrapped_angle(heading - (self.end if last else self.begin))
@@ -116,6 +116,7 @@ class GuideTouch:
 
     @property
     def _headings(self) -> tuple[float, float]:
+        """Headings at which a taut string arrives and leaves."""
         return self.arrive, self.leave
 
 

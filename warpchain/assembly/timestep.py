@@ -24,7 +24,7 @@ from warpchain.model.trains import coupled_bodies, is_free_body, train_inertia, 
 AUTOMATIC = 0.6
 """Automatic time step over its limit of stability (docs/solving.md)."""
 
-STAGED = 0.3
+STAGED = 0.3  # which hold bristles and dampers at step starts
 """Automatic time step over its limit for schemes with stages."""
 
 
@@ -49,11 +49,9 @@ def rocking_teeth(sprocket: Sprocket) -> Any:
 
 
 def moving_bodies(of: Drive | ChainModel, held: bool = False) -> list[MovingBody]:
-    """Moving bodies of all chains: sprockets on springs, free sprockets unless `held`, arms.
+    """Moving bodies of all chains for the time step: sprockets on springs, free sprockets unless `held`, arms.
 
-    Sprockets of one shaft are one. omega^2 of sprockets is of docs/moving-sprockets.md; of an arm (k_t + k_stop + K sum
-    r^2 + k_T l^2 + sum K z d^2 / 2) / I: r places a pitch apart on its faces, from its pivot, k_T a tensioner's or coil
-    spring's stiffness, l its lever, d the centers of sprockets on it.
+    Sprockets of one shaft are one. The frequencies: docs/moving-sprockets.md, docs/solving.md.
     """
     found: dict[str, MovingBody] = {}
     chains = chains_of(of)

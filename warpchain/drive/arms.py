@@ -122,6 +122,7 @@ class Arm(Part):
 
     @classmethod
     def _rules(cls, node: Any) -> Iterable[Problem]:
+        """Problems of an arm's values."""
         stops = node_list(node, "stops")
         if len(stops) == 2 and are_numbers(*stops) and stops[0] >= stops[1]:
             yield Problem(("stops",), list(stops), "must be the lower angle first, then the upper one [lower, upper]")

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 TOLERANCE = 1e-5
 """Largest distance of a face from its points [m]."""
 _SAMPLES = 12
-"""Places between two points where arcs are compared."""
+"""Places between two points to compare arcs at."""
 
 
 def biarc(start: Point, heading: float, end: Point, end_heading: float) -> tuple[Piece, Piece]:
@@ -39,7 +39,7 @@ def biarc(start: Point, heading: float, end: Point, end_heading: float) -> tuple
 
 
 def _arc_between(start: Point, heading: float, end: Point) -> Piece:
-    """Arc of a biarc from a point with a heading to another point."""
+    """Arc of a biarc from a heading point to another."""
     u, w = Piece(start, heading, 0.0, 0.0).local_coordinates(end)
     half = math.atan2(w, u)
     chord = math.hypot(u, w)
@@ -74,7 +74,7 @@ def fitted_face(points: Sequence[Point], tolerance: float = TOLERANCE) -> tuple[
 def _spline_samples(
     places: NDArray[np.float64], steps: NDArray[np.float64], tolerance: float
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Points (M, 2) [m] and headings (M,) [rad] along a measured face's spline."""
+    """Points (M, 2) [m] and headings (M,) [rad] of a measured face's spline."""
     import numpy as np
     from scipy.interpolate import splev, splprep
 

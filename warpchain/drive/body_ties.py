@@ -16,7 +16,7 @@ DRIVING_KEYS = ("prescribed", "motor", "initial_speed")
 
 
 class BodyTie(NamedTuple):
-    """Tie of two bodies that turn in a fixed ratio, q_b = ratio q_a.
+    """Tie of two bodies in a fixed ratio, q_b = ratio q_a.
 
     Attributes:
         path: key path in the drive file.
@@ -38,7 +38,7 @@ class TiedRatios:
         self.ratio = [Fraction(1)] * count
 
     def tie(self, a: int, b: int, ratio: Fraction) -> Fraction | None:
-        """Ties bodies, q_b = ratio q_a; returns another ratio that they have."""
+        """Ties bodies, q_b = ratio q_a; returns another ratio they have."""
         if self.root[a] == self.root[b]:
             known = self.ratio[b] / self.ratio[a]
             return known if known != ratio else None
@@ -167,7 +167,7 @@ def driving_sprocket(drive: Any) -> int:
 
 
 def nearest_sprocket(drive: Any, body: int) -> int | None:
-    """Index of the sprocket that ties put nearest to a body, or None."""
+    """Index of the sprocket nearest to a body by ties, or None."""
     if body < len(drive.sprockets):
         return body
     seen = [body]

@@ -21,7 +21,7 @@ INNER_WIDTHS = 1.48
 STEEL = 7850.0
 """Density of steel [kg/m^3]."""
 SERIES_A_STRENGTH = 12_500.0 * 4.4482216152605 / 0.0254**2
-"""Strength of a series A strand over its squared pitch [N/m^2]."""
+"""Series A strand's strength over squared pitch [N/m^2]."""
 
 
 @dataclass(frozen=True)
@@ -32,7 +32,7 @@ class CatalogueChain:
         size: such as "16B-2" with two strands.
         pitch: p [m].
         roller_diameter: d1 [m]; of a bush chain the bush's, of a silent one twice its back's height.
-        inner_width: b1, between a strand's inner plates [m]; of a silent chain its nominal width.
+        inner_width: b1 [m]; of a silent chain its nominal width.
         pin_diameter: d2 [m].
         mass_per_length: approximate [kg/m].
         breaking_load: F_u [N].
@@ -70,7 +70,7 @@ class CatalogueChain:
 
     @property
     def estimated_stiffness(self) -> float:
-        """Estimated axial stiffness of one link, within a factor of 3 [N/m]."""
+        """Estimated axial stiffness of a link, within a factor of 3 [N/m]."""
         return self.breaking_load / (ELONGATION_AT_BREAKING_LOAD * self.pitch)
 
 

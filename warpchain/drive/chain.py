@@ -135,8 +135,8 @@ class Attachment(Part):
     A chain's list adds up. A link's pins bear each mass by halves.
 
     Attributes:
-        mass: of one attachment [kg].
-        every: links from one attachment to the next, up to the chain's last link; None: there is only the first.
+        mass: mass of one attachment [kg].
+        every: links from one attachment to the next; None: there is only the first.
         first: link that has the first one, from 0; link i joins rollers i and i + 1.
     """
 
@@ -154,14 +154,12 @@ class Attachment(Part):
 class StrandLoad(Part):
     """Goods that lie on one strand of a chain, and move with it.
 
-    A pin carries what lies within half a pitch of it.
-
     Attributes:
         load_per_length: mass of the goods on one meter [kg/m].
         between: names of the two sprockets between which the strand is, in the order of the chain's travel.
-        begin: way along the strand at which goods come on [m], from where it leaves the first of the two.
+        begin: way along the strand at which goods come on [m].
         end: way at which they fall off [m]; None is the strand's end.
-        feed_speed: speed along the strand at which they come on [m/s]; the chain brings them to its own.
+        feed_speed: speed along the strand at which they come on [m/s].
     """
 
     load_per_length: NonNegative
@@ -172,6 +170,7 @@ class StrandLoad(Part):
 
     @classmethod
     def _rules(cls, node: Any) -> Iterable[Problem]:
+        """Problems of a strand's goods."""
         begin, end = node_value(node, "begin"), node_value(node, "end")
         if are_numbers(begin, end) and end <= begin:
             yield Problem(("end",), end, f"must be more than begin, {begin:g}")
@@ -202,6 +201,7 @@ class Joint(Part):
 
     @classmethod
     def _rules(cls, node: Any) -> Iterable[Problem]:
+        """Problems of a chain joint's friction."""
         dynamic, static = node_value(node, "friction"), node_value(node, "static_friction")
         if are_numbers(dynamic, static) and static < dynamic:
             yield Problem(("static_friction",), static, f"must be at least friction, {dynamic:g}")
@@ -312,7 +312,7 @@ class Chain(Part):
 
     @property
     def bare_mass(self) -> float:
-        """Mass of one roller and its share of links, without attachments [kg]."""
+        """Mass of a roller with its links, without attachments [kg]."""
         if self.roller_mass is not None:
             return self.roller_mass
         assert self.mass_per_length is not None  # the chain's own rule
@@ -473,6 +473,7 @@ class Chain(Part):
 
     @classmethod
     def _unsaid_values(cls, values: Mapping[str, Any]) -> Mapping[str, Any]:
+        """Roller radius of a silent chain, unsaid by files."""
         return {"roller_radius": values.get("roller_radius")} if values.get("kind") == "silent" else {}
 
     @classmethod
@@ -500,12 +501,14 @@ class Chain(Part):
 
     @classmethod
     def _missing_key_problem(cls, key: str, node: Any) -> Problem:
+        """Problem of a chain's missing key, or of its size."""
         if node_value(node, "size") is not None and key in cls._filled:
             return Problem(("size",), node_value(node, "size"), _size_text(node_value(node, "size")))
         return super()._missing_key_problem(key, node)
 
     @classmethod
     def _rules(cls, node: Any) -> Iterable[Problem]:
+        """Problems of a chain's values."""
         radius, pitch = node_value(node, "roller_radius"), node_value(node, "pitch")
         if node_value(node, "size") is None or node_value(node, "roller_mass") is not None:
             yield from exactly_one_rule(node, "roller_mass", "mass_per_length")

@@ -26,7 +26,7 @@ class DriveChanges:
         self.forms: dict[tuple[str, ...], _DriveForm | None] = {}
 
     def changed_drive(self, values: Mapping[str, Any]) -> Drive:
-        """Copy of the drive with other values by key path; raises as `Drive.with_values`."""
+        """Copy of the drive with other values by key path, checked as `Drive.with_values`."""
         paths = tuple(values)
         if paths not in self.forms:
             found = self.base.with_values(values)
@@ -38,7 +38,7 @@ class DriveChanges:
 
 
 def drive_with_numbers(drive: Drive, numbers: Mapping[PartPlace, float]) -> Drive:
-    """Copy of a drive with other numbers, without warnings; raises as `Drive.with_values`."""
+    """Copy of a drive with other numbers, checked as `Drive.with_values`, without warnings."""
     copied = _DriveForm(drive, list(numbers)).changed_copy(list(numbers.values()))
     if copied is None:
         return drive.with_values({".".join(map(str, way)): value for way, value in numbers.items()})

@@ -149,6 +149,7 @@ class ImpactLaw(Part):
 
     @classmethod
     def _rules(cls, node: Any) -> Iterable[Problem]:
+        """Problems of a contact's values."""
         yield from contact_rules(node)
 
 
@@ -181,6 +182,7 @@ class SprocketContact(ImpactLaw):
 
     @classmethod
     def _rules(cls, node: Any) -> Iterable[Problem]:
+        """Problems of a sprocket contact's values."""
         yield from contact_rules(node)
         exponent = node_value(node, "exponent")
         curved = isinstance(exponent, (int, float)) and exponent > 1.0
@@ -207,6 +209,7 @@ class _Overrides(Part):
 
     @classmethod
     def _rules(cls, node: Any) -> Iterable[Problem]:
+        """Problems of one guide's contact settings."""
         yield from _stiffness_conflict_rules(node)
 
 

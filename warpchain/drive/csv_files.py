@@ -23,7 +23,7 @@ TABLES: dict[tuple[str, ...], dict[str, type[Part]]] = {
     ("tensioners",): {"oil.supply_table": SupplyTable},
     ("valves",): {"table": LiftTable},
 }  # fmt: skip
-"""Kinds of tables that may name a file, by the drive's lists and keys."""
+"""Tables that may name a file, by the drive's lists and keys."""
 
 
 _OWNER = {OWN_KEY: "the load", "file": "the file"}
@@ -35,14 +35,14 @@ def has_own_load(kind: type[Part]) -> bool:
 
 
 def values_with_files(values: dict[str, Any], folder: Path, source: str) -> dict[str, Any]:
-    """A drive file's values with the contents of files that it names.
+    """A drive file's values with contents of files that it names.
 
     Args:
         folder: of relative file names.
-        source: drive file's name in error lines.
+        source: drive file's name in errors.
 
     Raises:
-        DriveError: one line for each file that is unreadable or wrong.
+        DriveError: one line for each unreadable or wrong file.
     """
     problems = [*_read_tables(values, folder), *_read_profiles(values, folder), *_read_teeth(values, folder)]
     if problems:
@@ -94,7 +94,7 @@ def dxf_name(file: str) -> tuple[str, str | None] | None:
 
 
 def _drawn_unit(holder: Any, key: str, is_drawing: bool) -> str | None:
-    """Unit of a drawing, taken out of a guide's or sprocket's values.
+    """Unit of a drawing, taken out of a part's values.
 
     Raises:
         DriveError: it is no unit, or there is no drawing.

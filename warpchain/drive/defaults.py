@@ -19,14 +19,14 @@ CLEARANCE, BUSH_STIFFNESS = 0.004, 5.0e9
 TOOTH_WIDTH, INNER_WIDTH = 0.93, 0.62
 """Width of teeth over inner width, and that over the pitch [-]."""
 SAFETY = 15.0
-"""Breaking load over the pull without a load, for contact stiffness [-]."""
+"""Breaking load over the pull of drives without loads [-]."""
 LAW = {"restitution": 0.3, "restitution_means": "rebound", "impact_speed_floor": 0.02}
 STEEL_BODY = {"youngs_modulus": 210e9, "poissons_ratio": 0.3}
 TEETH_FRICTION = 0.06
 """Coefficient of friction of rollers on teeth [-]."""
 DAMPING_RATIO = 0.02
 SAMPLES_A_TOOTH, SAMPLE_RATE, CIRCUITS = 20.0, 2000.0, 2.2  # half the circuits, the window, is one at least
-"""Samples a driver's tooth, sampling rate without speed [Hz], circuits of the chain in a run."""
+"""Samples a driver's tooth, sampling rate without speed [Hz], chain circuits in a run."""
 
 
 FREE_KEYS = {
@@ -83,7 +83,7 @@ def values_with_defaults(values: Any) -> Any:
 
 
 def _positive_number(value: Any, unit: str) -> float | None:
-    """A positive number, or a quantity in a unit, for defaults; else None."""
+    """A positive number, or quantity in a unit, for defaults; else None."""
     found: Any = converted_number(value, unit) if isinstance(value, str) else value
     return float(found) if are_numbers(found) and found > 0.0 else None
 

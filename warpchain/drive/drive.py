@@ -167,7 +167,7 @@ class Drive(Part):
 
     @property
     def as_read(self) -> Drive:
-        """The drive with the sizes of its file, at 20 degrees C."""
+        """The drive with its file's sizes, at 20 degrees C."""
         return self if self._as_read is None else self._as_read
 
     def apply_temperature(self) -> None:
@@ -222,7 +222,7 @@ class Drive(Part):
 
     @property
     def links(self) -> int:
-        """Number of links of all chains, and rollers; open chains' absent links count."""
+        """Number of links of all chains, or their rollers."""
         return sum(chain.rollers for chain in self.each_chain)
 
     @property
@@ -244,7 +244,7 @@ class Drive(Part):
 
     @property
     def driver(self) -> int:
-        """Index of the driving sprocket: the first prescribed, or nearest to the driving body."""
+        """Index of the drive's driving sprocket."""
         return driving_sprocket(self)
 
     @property
@@ -257,16 +257,19 @@ class Drive(Part):
 
     @classmethod
     def _source(cls) -> str:
+        """Prefix of a drive's error lines: none."""
         return ""
 
     @classmethod
     def _problem(cls, detail: Any, values: Any) -> Problem:
+        """A validator's error as a problem of the drive."""
         problem = super()._problem(detail, values)
         several = problem.path == ("chain",) and isinstance(problem.value, list | tuple)
         return problem._replace(text="must be a table; a list of them is chains, [[chains]]") if several else problem
 
     @classmethod
     def _rules(cls, node: Any) -> Iterable[Problem]:
+        """Problems between the parts of a drive."""
         chain, wrong = node_value(node, "chain"), False
         if isinstance(chain, list | tuple) and not node_list(node, "chains"):  # an error already
             node = dict(node) | {"chain": None, "chains": chain}
@@ -279,6 +282,7 @@ class Drive(Part):
 
     @classmethod
     def _number_rules(cls, changed: Mapping[str, Any]) -> Sequence[Rule]:
+        """Rules of the drive that changed numbers can break."""
         keys = set(changed)
         for kind, parts in changed.items():
             for key, inner in parts.items() if isinstance(parts, Mapping) else ():
@@ -287,12 +291,12 @@ class Drive(Part):
 
     @classmethod
     def _complete_values(cls, values: Any) -> Any:
-        """A drive's values with all defaults, a single of `chains` as `chain`."""
+        """A drive's values with all defaults and a single chain as `chain`."""
         return values_with_defaults(cls._with_single_chain(values))
 
     @classmethod
     def _with_single_chain(cls, values: Any) -> Any:
-        """A drive's values, a single of `chains` as `chain`."""
+        """A drive's values with a single chain as `chain`."""
         chains = node_list(values, "chains")
         if not isinstance(values, Mapping) or len(chains) != 1 or values.get("chain") is not None:
             return values
@@ -308,6 +312,7 @@ class Drive(Part):
     @model_validator(mode="wrap")
     @classmethod
     def _warn(cls, values: Any, handler: ModelWrapValidatorHandler[Self]) -> Self:
+        """Drive at its temperature, with warnings of what is unusual."""
         drive = handler(values)
         if drive is values:
             return drive

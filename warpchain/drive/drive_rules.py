@@ -465,7 +465,7 @@ def pivot_rules(drive: Any) -> Iterator[Problem]:
 
 
 def tensioner_rules(drive: Any) -> Iterator[Problem]:
-    """Problems of tensioners that push nothing movable, or away from the chain."""
+    """Problems of tensioners that push nothing, or away from the chain."""
     if not node_list(drive, "tensioners"):
         return
     arms, sprockets = (_index_by_name(node_list(drive, kind)) for kind in ("arms", "sprockets"))
@@ -505,7 +505,7 @@ def pump_rules(drive: Any) -> Iterator[Problem]:
 
 
 def _is_on_body(part: Any, on: Any) -> bool:
-    """Whether a guide or sprocket is on, or is, a named body."""
+    """Whether a guide or sprocket is on a named body."""
     return on in (node_value(part, "name"), node_value(part, "arm"), node_value(node_value(part, "mount"), "arm"))
 
 
@@ -558,7 +558,7 @@ def _arm_push_rules(drive: Any, node: Any, arm_node: Any) -> Iterator[Problem]:
 
 
 def _arm_sprocket_rules(drive: Any, tensioner: Tensioner, arm: Arm, lever: float, pitch: float) -> Iterator[Problem]:
-    """Problem of a tensioner that turns an arm's sprockets with their strands' pull."""
+    """Problem of a tensioner that turns an arm's sprockets with their pull."""
     parts = node_list(drive, "sprockets")
     mine = next(
         (node_value(part, "chain") for part in parts if node_value(node_value(part, "mount"), "arm") == arm.name), None
@@ -578,7 +578,7 @@ def _arm_sprocket_rules(drive: Any, tensioner: Tensioner, arm: Arm, lever: float
 
 
 def _slider_push_rules(drive: Any, node: Any, s: int) -> Iterator[Problem]:
-    """Problem of a tensioner that pushes a slider with the strands' pull."""
+    """Problem of a tensioner that pushes a slider with its strands' pull."""
     kind = node_value(node_value(node_list(drive, "sprockets")[s], "mount"), "kind") or "fixed"
     if kind != "slider":
         name = node_value(node, "on")

@@ -22,11 +22,11 @@ DIGITS, ALL = 9, 17
 LONGEST = 200_000
 """Most characters of a text that is edited."""
 PASSES = 3
-"""Most edits of a text, as values may change others."""
+"""Most edits of a text, as values change others."""
 
 
 def self_contained_text(path: Path) -> str:
-    """Text of a drive file with files that it names read in.
+    """Text of a drive file with its files read in.
 
     Raises:
         DriveError: a file cannot be read.
@@ -53,7 +53,7 @@ def drive_text(text: str, drive: Drive) -> str:
         text: of a file that names no other files.
 
     Returns:
-        Text that reads back as `drive` within `DIGITS`; `dumps_drive`'s where `text` cannot be edited.
+        Text of `drive` within `DIGITS`; `dumps_drive`'s where `text` cannot be edited.
     """
     edited = text
     for _ in range(PASSES if len(text) <= LONGEST else 0):

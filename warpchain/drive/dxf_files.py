@@ -24,11 +24,11 @@ GAP = 2e-6
 SAG = 1e-6
 """Largest distance of a curve from points [m]."""
 STRETCHES, MOST_STRETCHES = 40, 800
-"""Parts of a face's straight piece, and about the most of all."""
+"""Parts of a straight piece, and the most of all."""
 MOST_LOOSE = 1000
 """Most loose ends whose narrowest gap is sought."""
 ALIKE = 2e-5
-"""Largest difference of like teeth, and of spline and arc [m]."""
+"""Largest difference of like teeth, and spline and arc [m]."""
 CORNER = math.radians(2.0)
 """Largest corner between seat and flank [rad]."""
 STRAIGHT = 1e3
@@ -63,7 +63,7 @@ class Edge:
     """Edge of a contour: an entity of a drawing, or a polyline's piece.
 
     Attributes:
-        name: type and handle, as in CAD programs.
+        name: as in CAD programs.
         points: (n, 2) along it [m].
     """
 
@@ -144,6 +144,7 @@ def _entities_in_space(
         raise DriveError(f"{insert and insert[1]}: has blocks within blocks, {DEEPEST} deep and more")
 
     def refuse(entity: Any, why: str) -> None:
+        """Raises a DriveError on an entity of a placed block."""
         raise DriveError(f"{entity.dxftype()} of {name}: cannot be drawn as its block is placed ({why})")
 
     for entity in space:
@@ -244,7 +245,7 @@ def _entity_size(piece: Any) -> float:
 
 
 def joined_edges(edges: list[Edge]) -> tuple[list[Edge], bool]:
-    """Edges of a drawing in their contour's order, and whether it is closed.
+    """Edges of a drawing in their contour's order, and whether it closes.
 
     Raises:
         DriveError: edges that join none, or a third.

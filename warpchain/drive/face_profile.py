@@ -64,7 +64,7 @@ def unit_vector(heading: Any) -> tuple[Any, Any]:
 
 
 def _sinc(angle: Any) -> Any:
-    """sin(x) / x of an angle or a stack's; 1 at 0."""
+    """sin(x) / x of an angle; 1 at 0."""
     if not has_arrays(angle):
         return math.sin(angle) / angle if angle else 1.0
     safe = where(angle == 0.0, 1.0, angle)
@@ -90,7 +90,7 @@ class PieceHeights(NamedTuple):
 
 @dataclass(frozen=True)
 class Piece:
-    """Arc or straight piece of a guide face, of a stack's (V,).
+    """Arc or straight piece of a guide face.
 
     Attributes:
         start: [m].
@@ -132,7 +132,7 @@ class Piece:
         return dx * tx + dy * ty, dy * tx - dx * ty
 
     def heights(self, points: NDArray[np.float64]) -> PieceHeights:
-        """Places and heights of points (K, 2) over a face's extended piece, (a), (b)."""
+        """Places and heights of points (K, 2) over a face's piece, (a), (b)."""
         import numpy as np
 
         t, k = np.array(unit_vector(self.heading)), self.curvature
@@ -143,7 +143,7 @@ class Piece:
         return PieceHeights(u, w, np.arctan2(k * u, 1.0 - k * w) / k if k else u, g / (1.0 + root), root)
 
     def place_and_height(self, point: Sequence[float]) -> tuple[float, float]:
-        """Place (b) and height (a) of a point over a face's extended piece [m]."""
+        """Place (b) and height (a) of a point over a face's piece [m]."""
         (u, w), k = self.local_coordinates(point), self.curvature
         g = 2.0 * w - k * (u * u + w * w)
         height = g / (1.0 + math.sqrt(max(1.0 - k * g, 0.0)))
@@ -157,7 +157,7 @@ class Profile:
     Places are arc lengths from the face's begin [m].
 
     Attributes:
-        pieces: first and last are the ends' quarter circles.
+        pieces: with the ends' quarter circles.
         reversed: whether they run against the drive file.
     """
 

@@ -20,7 +20,7 @@ class FileColumns(NamedTuple):
     """The columns that a text table of a drive may have.
 
     Attributes:
-        over: keys of which it has one, ascending; none for points.
+        over: keys of which it has one, ascending.
         of: keys of which it has one at least.
         needs_all: whether it needs all of them.
     """
@@ -169,7 +169,7 @@ def _key_of_head(head: Head, keys: tuple[str, ...]) -> str:
 
 
 def _check_column_keys(keys: list[str], allowed: FileColumns, where: str) -> None:
-    """Raises a TableError for columns that a text table cannot have or lacks."""
+    """Raises a TableError for a text table's wrong or missing columns."""
     over = [key for key in keys if key in allowed.over]
     of = [key for key in keys if key in allowed.of]
     if len(over) != min(len(allowed.over), 1) or not of or (allowed.needs_all and len(of) < len(allowed.of)):
@@ -197,7 +197,7 @@ def _si_column(found: TextTable, key: str, k: int, units: Mapping[str, str]) -> 
 def _check_rows(
     found: TextTable, columns: dict[str, list[float]], places: dict[str, int], allowed: FileColumns
 ) -> None:
-    """Raises a TableError for a text table's wrong rows: count, order, equal points."""
+    """Raises a TableError for a text table's wrong rows."""
     rows = found.rows
     if not 2 <= len(rows) <= MOST_ROWS:
         raise TableError(f"has {len(rows)} rows of numbers; must have 2 to {MOST_ROWS}")
@@ -234,7 +234,7 @@ def _turn_to_cam(columns: dict[str, list[float]], crank_turns: int | None, head:
 
 
 def _close_lift(columns: dict[str, list[float]], event: bool | None) -> None:
-    """Closes a valve lift by zeros for the rest of the turn."""
+    """Closes a valve lift by zeros over the turn."""
     angle, lift = columns["angle"], columns["lift"]
     span, turn = angle[-1] - angle[0], 2.0 * math.pi
     if event is False or abs(span / turn - 1.0) <= TURN_TOLERANCE:

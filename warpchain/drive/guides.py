@@ -108,6 +108,7 @@ class _Arc(Part):
 
     @classmethod
     def _rules(cls, node: Any) -> Iterable[Problem]:
+        """Problems of a guide face's arc."""
         yield from place_rule(("center",), node_value(node, "center"))
         yield from _radius_rules(node, "radius")
         begin, end = node_value(node, "from"), node_value(node, "to")
@@ -188,6 +189,7 @@ class Guide(Part):
 
     @classmethod
     def _rules(cls, node: Any) -> Iterable[Problem]:
+        """Problems of a guide's values."""
         ends = [key for key in ("start", "end") if node_value(node, key) is not None]
         shapes = [key for key in SHAPES if node_value(node, key) not in (None, (), [])]
         for key in shapes[1:] if not ends else shapes:
@@ -216,6 +218,7 @@ class Guide(Part):
 
     @classmethod
     def _number_rules(cls, changed: Mapping[str, Any]) -> Sequence[Rule]:
+        """Rules of the guide that changed numbers can break."""
         return () if changed.keys() <= {"offset", "contact"} else (_face_rules,)
 
 
@@ -287,7 +290,7 @@ def _face_of_values(key: str, values: tuple[Any, ...]) -> tuple[Piece, ...]:
 
 
 def guide_profile(node: Any, pitch: float) -> Profile | None:
-    """Profile of a guide or its values, ends by default of radius `pitch` [m]; or None."""
+    """Profile of a guide or its values, or None; `pitch` is the default end radius [m]."""
     key, values = _face_shape(node)
     if key is None:
         return None

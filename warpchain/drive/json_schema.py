@@ -28,7 +28,7 @@ FILE_SHAPES: dict[str, dict[str, Any]] = {
     "event": {"type": "boolean"},
     "crank_turns": {"type": "integer", "minimum": 1},
 }
-"""JSON schemas of the keys beside `file`."""
+"""JSON schemas of keys beside `file`."""
 
 DRAWN = {"Guide": "profile", "Sprocket": "tooth"}
 """Keys of parts that may name a drawing."""

@@ -50,11 +50,8 @@ class Law:
     """Contact law of a drive file.
 
     Attributes:
-        force: its function in `kernels/physics/impact.py`, by name; or a plug-in's.
-        factor: dimensionless factor (d or zeta) for a restitution, 0 for 1.
-        rebound: speed after an impact over that before for a factor [-].
-        unit: of the factor in kernels, from stiffness K [N/m^n] and mass m [kg].
-        viscous: whether a constant damper stands beside a linear spring.
+        force: function of `kernels/physics/impact.py` by name, or a plug-in's.
+        factor, rebound, unit, viscous: as of `contact_law`.
     """
 
     force: Any

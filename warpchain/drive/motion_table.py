@@ -27,7 +27,7 @@ MOST_ROWS = 1_000_000
 SAMPLES = 720
 """Samples of a revolution in a table's spectrum."""
 NOTABLE = 0.05
-"""Least share of a spectrum's largest part in a ripple [-]."""
+"""Least share of a ripple in a spectrum's largest part [-]."""
 
 
 def slowest_ripple(spectrum: NDArray[np.complexfloating]) -> int:
@@ -90,6 +90,7 @@ class Table(Part):
 
     @classmethod
     def _rules(cls, node: Any) -> Iterable[Problem]:
+        """Problems of a table's columns."""
         given = [key for key in cls._axes if node_value(node, key) is not None]
         if node_value(node, "file") is not None:
             text = "only drive files name a file; give the columns themselves, such as time and " + cls._quantity
@@ -175,6 +176,7 @@ class PlaceTable(Part):
 
     @classmethod
     def _rules(cls, node: Any) -> Iterable[Problem]:
+        """Problems of a displacement table's columns."""
         if node_value(node, "file") is not None:
             yield Problem(
                 ("file",), node_value(node, "file"), "only drive files name a file; give the columns themselves"
@@ -241,6 +243,7 @@ class SpeedTable(Table):
 
     @classmethod
     def _rules(cls, node: Any) -> Iterable[Problem]:
+        """Problems of a speed table's columns."""
         yield from super()._rules(node)
         over_angle, speeds = node_value(node, "angle") is not None, node_list(node, "speed")
         for i, value in enumerate(speeds if over_angle else ()):
@@ -297,6 +300,7 @@ class ClutchTable(Table):
 
     @classmethod
     def _rules(cls, node: Any) -> Iterable[Problem]:
+        """Problems of a clutch table's columns."""
         if node_value(node, "angle") is not None:
             yield Problem(("angle",), None, "not of a clutch; must be over time or speed", BARE)
         else:
@@ -334,6 +338,7 @@ class SupplyTable(Table):
 
     @classmethod
     def _rules(cls, node: Any) -> Iterable[Problem]:
+        """Problems of an oil supply table's columns."""
         if node_value(node, "angle") is not None:
             yield Problem(("angle",), None, "no pressure is over angle; give time or speed instead", BARE)
         else:
@@ -343,4 +348,3 @@ class SupplyTable(Table):
 
 
 TABLES = (Table, PlaceTable)
-"""Parts that hold columns of numbers."""

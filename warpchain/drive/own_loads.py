@@ -91,7 +91,7 @@ def load_law(name: str, *, over: str, end: float, rows: int = 721) -> Callable[[
 
 
 def own_columns(name: Any, axes: tuple[str, ...]) -> dict[str, list[float]]:
-    """Columns of a table, of a kind with `axes`, that names a plug-in's load.
+    """Columns of a table over `axes` that names a plug-in's load.
 
     Raises:
         DriveError: an unknown name, or a load over another axis.

@@ -65,10 +65,10 @@ def _element_names(elements: Sequence[Any]) -> list[str]:
 
 
 def value_at_path(part: Part, path: str) -> Any:
-    """Value of a part at a key path; None if not given.
+    """Value of a part at a key path, or None.
 
     Raises:
-        DriveError: for an unknown path.
+        DriveError: an unknown path.
     """
     try:
         return _value_below(part, type(part), path.split("."), 0)
@@ -101,7 +101,7 @@ def _value_below(value: Any, cls: type[Part] | None, keys: Sequence[str], depth:
 
 
 def settable_paths(part: Part) -> Iterator[str]:
-    """Key paths of a part that can be set, in file order."""
+    """Key paths of a part that can be set."""
     yield from _settable_below(type(part), part, "")
 
 
@@ -224,7 +224,7 @@ def _set_at_path(node: Any, keys: Sequence[str], depth: int, value: Any) -> None
 
 
 def _editable_node(node: Any, cls: type[Part] | None) -> Any:
-    """A part or list in editable form for key paths; None as a table."""
+    """Editable form of a part or list for key paths."""
     if isinstance(node, (_EditableTable, _EditableList)):
         return node
     if isinstance(node, Part):

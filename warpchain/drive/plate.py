@@ -27,7 +27,7 @@ ROOT_DEPTH = 0.6
 LEAST_TEETH = 17
 """Least teeth of a wheel."""
 PIN_RADIUS, PLATE_AREA = 0.15, 0.95
-"""Estimates of pins over the pitch, of a plate's area over its square."""
+"""Estimates of pins over pitch, and plates over squared pitch."""
 PLATE_KEYS = ("flank_angle", "flank_distance", "back_height", "toe_depths", "tip_radius")
 """Keys of a chain's plates."""
 
@@ -53,7 +53,7 @@ class Plate:
     tip_radius: float
 
     def flank_end(self, number: int) -> tuple[float, float]:
-        """Center (x, y) of a plate's rounded flank end, 0 beginning, 1 tip [m]."""
+        """Center (x, y) of a flank's rounded end, 0 beginning, 1 tip [m]."""
         sine, cosine = sin(self.flank_angle), cos(self.flank_angle)
         along = (self.toe_depths[number] - self.flank_distance * sine) / cosine
         apart = self.flank_distance - self.tip_radius

@@ -26,7 +26,7 @@ from warpchain.errors import PluginError
 GROUPS = ("warpchain.laws", "warpchain.metrics")
 """Groups of entry points whose modules are plug-ins."""
 LOADING_SECONDS, METRIC_SECONDS = 60.0, 10.0
-"""Longest time to load a plug-in, and for its metric of a variant [s]."""
+"""Longest time to load a plug-in, and for its metric [s]."""
 
 
 @dataclass(frozen=True)
@@ -114,7 +114,7 @@ def _add_plugin(plugin: Plugin, name: str, run: Callable[[], object]) -> Plugin:
 
 @cache
 def load_installed_plugins() -> None:
-    """Loads the plug-ins of installed packages, by the entry points of `GROUPS`, once.
+    """Loads the plug-ins of installed packages, by entry points, once.
 
     Raises:
         PluginError: the code of one fails.
@@ -209,15 +209,15 @@ class _OutOfTimeError(BaseException):
 
 @contextmanager
 def plugin_code(file: str, name: str, seconds: float, what: str = "", line: int = 0) -> Iterator[None]:
-    """Context in which code of a plug-in runs, for so many seconds at most.
+    """Context in which a plug-in's code runs, for a limited time.
 
     The limit holds in the main thread, between instructions of Python.
 
     Args:
-        file: the plug-in's, whose lines are named.
+        file: the plug-in's, whose lines errors name.
         name: by which errors call it.
         what: which code of it runs, in words; "" for all.
-        line: where that begins, for errors in no line of the file.
+        line: where that begins, or 0.
 
     Raises:
         PluginError: what the code raises, with file and line, in one line.
@@ -237,7 +237,7 @@ def plugin_code(file: str, name: str, seconds: float, what: str = "", line: int 
 
 
 def function_code(function: Any, what: str) -> AbstractContextManager[None]:
-    """Context in which a plug-in's function runs; `what` it computes, in words.
+    """Context in which a plug-in's function computes `what`.
 
     Raises:
         PluginError: as `plugin_code`.
@@ -311,7 +311,7 @@ PLUGINS_VARIABLE = "_WARPCHAIN_PLUGINS"
 
 
 def plugins_environment() -> dict[str, str]:
-    """Environment of a process that is to load the plug-ins loaded here."""
+    """Environment of a process to load the plug-ins loaded here."""
     return {PLUGINS_VARIABLE: os.pathsep.join(map(str, _LOADED))}
 
 

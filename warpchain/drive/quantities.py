@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 
 class Unit(NamedTuple):
-    """Unit: factor to SI with a power of pi, and powers of m, kg, s, rad."""
+    """Unit: factor to SI, power of pi, and powers of m, kg, s, rad."""
 
     factor: Fraction
     pi: int = 0
@@ -61,7 +61,6 @@ SPELLINGS = {
     )
     for word in words.split()
 }  # fmt: skip
-"""Signs of units by other spellings."""
 _SIGNS = str.maketrans("⁰¹²³⁴⁵⁶⁷⁸⁹⁻−⋅∙×", "0123456789--···")
 
 QUANTITY = re.compile(r"([+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d{1,3})?+)\s*([A-Za-z°µμ%].*?)\s*")
@@ -71,7 +70,7 @@ FACTOR = re.compile(r"([ */·]*)([^\s*/·^\d]+)\^?(-?\d{0,2})")
 
 
 def match_quantity(text: str) -> re.Match[str] | None:
-    """Match of a quantity's text, a number and a unit, or None."""
+    """Match of a quantity's number and unit, or None."""
     return QUANTITY.fullmatch(text) if len(text) <= LONGEST else None
 
 

@@ -19,7 +19,6 @@ CopyCount = Annotated[
 REPLICATE_WAYS = ("build", "phase", "perturbation")
 """Ways in which copies of a drive differ, the default first."""
 FORMER_WAYS = {"nudge": "perturbation"}
-"""Former names of ways to differ."""
 
 
 @check_arguments(SimulationError, "replicates.")
@@ -44,7 +43,7 @@ class Replicates:
 
 
 def copy_phase(copy: int) -> float:
-    """Teeth by which a numbered copy of a drive is turned, -0.5 to 0.5 (van der Corput's sequence)."""
+    """Teeth by which a numbered copy of a drive is turned, -0.5 to 0.5 (van der Corput)."""
     share, part = 0.0, 0.5
     while copy:
         share += part * (copy & 1)

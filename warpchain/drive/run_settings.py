@@ -49,6 +49,7 @@ class RunSettings(Part):
 
     @classmethod
     def _rules(cls, node: Any) -> Iterable[Problem]:
+        """Problem of a step longer than the run."""
         step, duration = node_value(node, "step"), node_value(node, "duration")
         if are_numbers(step, duration) and step > duration > 0:
             yield Problem(("step",), step, f"must be at most the duration, {duration:g}")

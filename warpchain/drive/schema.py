@@ -64,7 +64,7 @@ def _check_magnitude(value: Any) -> Any:
 
 
 WRONG, BARE = "wrong_value", "bare_key"
-"""Kinds of error lines: with the wrong value, or the key path alone."""
+"""Kinds of error lines: with value, or key path alone."""
 
 
 def plain_sequence(value: Any) -> Any:
@@ -268,7 +268,7 @@ class Part(BaseModel):
     _unsaid: ClassVar[Mapping[str, Any]] = {}
     """Values for keys left out, which files cannot have."""
     _judged: ClassVar[frozenset[str] | None] = None
-    """Keys of numbers that the part's rules compare; None is any."""
+    """Keys of numbers that the part's rules compare, or any."""
 
     if not TYPE_CHECKING:  # the type checker derives the signature from the fields
 
@@ -289,7 +289,7 @@ class Part(BaseModel):
 
     @classmethod
     def _places(cls, values: Any) -> Callable[[Sequence[str | int]], str]:
-        """Function of a key path: its text in the part's error lines."""
+        """Function of a key path to its text in error lines."""
         known = dict[int, Counter[str]]()
         return lambda path: path_text(path, values, known)
 
@@ -370,6 +370,7 @@ class Part(BaseModel):
     @model_validator(mode="wrap")
     @classmethod
     def _check(cls, values: Any, handler: ModelWrapValidatorHandler[Self]) -> Self:
+        """Part of checked values; raises all its problems together."""
         if isinstance(values, cls):
             return values
         values, problems = cls._values_in_units(cls._complete_values(cls._with_current_keys(values)))

@@ -137,6 +137,7 @@ class Motor(Part):
 
     @classmethod
     def _rules(cls, node: Any) -> Iterable[Problem]:
+        """Problems of a motor's torque, power and table."""
         torque, table = node_value(node, "torque"), node_value(node, "table")
         if torque is None and table is None:
             yield Problem(("torque",), None, f"missing; {allowed_text(cls, 'torque')}, or give table instead", BARE)
@@ -168,6 +169,7 @@ class Shaft(Part):
 
     @classmethod
     def _rules(cls, node: Any) -> Iterable[Problem]:
+        """Problems of a shaft's motion."""
         for key in ("motor", "initial_speed"):
             if node_value(node, "prescribed") is not None and node_value(node, key) is not None:
                 yield Problem((key,), None, "not together with prescribed", BARE)
@@ -192,6 +194,7 @@ class Gear(Part):
 
     @classmethod
     def _rules(cls, node: Any) -> Iterable[Problem]:
+        """Problems of a gear pair's shafts."""
         yield from _two_shaft_rules(node)
 
 
@@ -212,6 +215,7 @@ class Ratios(Part):
 
     @classmethod
     def _rules(cls, node: Any) -> Iterable[Problem]:
+        """Problems of a gearbox's ratios."""
         time, ratio = node_list(node, "time"), node_list(node, "ratio")
         if not are_numbers(*time, *ratio) or len(time) < 2:
             return
@@ -256,6 +260,7 @@ class Clutch(Part):
 
     @classmethod
     def _rules(cls, node: Any) -> Iterable[Problem]:
+        """Problems of a clutch's torque and table."""
         torque, table = node_value(node, "torque"), node_value(node, "table")
         if torque is None and table is None:
             yield Problem(("torque",), None, f"missing; {allowed_text(cls, 'torque')}, or give table instead", BARE)
@@ -303,6 +308,7 @@ class Coupling(Part):
 
     @classmethod
     def _rules(cls, node: Any) -> Iterable[Problem]:
+        """Problems of a coupling's values."""
         yield from _two_shaft_rules(node)
         names = node_list(node, "between")
         if len(names) == 2 and names[1] == FIXED:

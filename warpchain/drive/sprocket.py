@@ -82,6 +82,7 @@ class Prescribed(Part):
 
     @classmethod
     def _rules(cls, node: Any) -> Iterable[Problem]:
+        """Problems of a prescribed motion."""
         speed, table, ramp = node_value(node, "speed"), node_value(node, "table"), node_value(node, "ramp_time")
         if speed is None and table is None:
             yield Problem(("speed",), None, f"missing; {allowed_text(cls, 'speed')}, or give table instead", BARE)
@@ -111,7 +112,7 @@ class Load(Part):
     harmonics: Annotated[tuple[Harmonic, ...], _HARMONICS] = ()
 
     def steady_moment(self, speed: float) -> float:
-        """Moment of the load at a speed, table and harmonics aside [N m]."""
+        """Moment of the load at a speed, without table and harmonics [N m]."""
         return self.torque + self.viscous * speed + self.quadratic * speed * speed
 
 
@@ -157,6 +158,7 @@ class PrescribedMount(Part):
 
     @classmethod
     def _rules(cls, node: Any) -> Iterable[Problem]:
+        """Problems of a prescribed mount."""
         if node_value(node, "table") is None and node_value(node, "direction") is None:
             yield Problem(
                 ("direction",), None, f"missing; {allowed_text(cls, 'direction')}, or give table instead", BARE
@@ -282,7 +284,7 @@ class Sprocket(Part):
         balance_wheel: eccentric mass.
         mount: of its center.
         shaft: shaft, or of several chains another sprocket, that it turns with.
-        rim: radius at which an end's pin is held on a wheel that turns about the center [m]; None is in the center.
+        rim: radius of an end's pin on a wheel that turns about the center [m]; None is in the center.
         key: angle where the chain is laid [degrees], that of an end's pin on its rim; None is where it seats.
         bearing: friction of its bearing.
     """
@@ -321,6 +323,7 @@ class Sprocket(Part):
 
     @classmethod
     def _rules(cls, node: Any) -> Iterable[Problem]:
+        """Problems of a sprocket's values."""
         positive = allowed_text(cls, "mass")
         yield from at_most_rule(node, "teeth", MOST_TEETH)
         if all(node_value(node, key) is None for key in ("inertia", "prescribed", "shaft")):
@@ -335,7 +338,7 @@ class Sprocket(Part):
 
 
 def strand_names(sprockets: Sequence[Sprocket]) -> tuple[str, ...]:
-    """Names "FROM->TO" of the strands that leave a chain's sprockets (S,), the last end excepted."""
+    """Names "FROM->TO" of the strands of a chain's sprockets (S,)."""
     names = [sprocket.name for sprocket in sprockets]
     if sprockets and sprockets[-1].is_end:
         return tuple(f"{a}->{b}" for a, b in pairwise(names))

@@ -30,7 +30,7 @@ def pitch_radius(sprocket: Sprocket, chain: Chain) -> float:
 
 
 def sprocket_tooth(sprocket: Sprocket, chain: Chain, contact: SprocketContact) -> Tooth:
-    """Tooth gap of a sprocket: own, contact's, silent chain's, or an end's hole."""
+    """Tooth gap of a sprocket: own, contact's, silent chain's; or an end's hole."""
     if sprocket.is_end:
         return Tooth(chain.roller_radius, 2.0 * math.pi, math.inf, END_REACH)
     if chain.is_silent:

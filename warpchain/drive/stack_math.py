@@ -63,6 +63,7 @@ def elementwise(function: Callable[..., float]) -> Callable[..., Any]:
 
     @wraps(function)
     def apply(*values: Any, **named: Any) -> Any:
+        """The function of numbers, or of arrays element by element."""
         if not has_arrays(*values):
             return function(*values, **named)
         import numpy as np
@@ -87,6 +88,7 @@ def _numpy_function(name: str) -> Callable[..., Any]:
     """A numpy function for numbers and arrays, rounding alike."""
 
     def apply(*values: Any) -> Any:
+        """The numpy function of numbers or arrays."""
         import numpy as np
 
         found = getattr(np, name)(*values)
@@ -106,6 +108,7 @@ def _python_or_numpy_function(function: Callable[..., float], name: str) -> Call
     """Python's function for numbers, numpy's of a name for arrays."""
 
     def apply(*values: Any) -> Any:
+        """Python's function of numbers, or numpy's of arrays."""
         if not has_arrays(*values):
             return function(*values)
         import numpy as np

@@ -87,6 +87,7 @@ class Plunger(Part):
 
     @classmethod
     def _rules(cls, node: Any) -> Iterable[Problem]:
+        """Problem of a plunger's gap."""
         diameter, gap = node_value(node, "diameter"), node_value(node, "gap")
         if are_numbers(diameter, gap) and gap >= 0.5 * diameter > 0.0:
             yield Problem(("gap",), gap, f"must be below half the diameter, {0.5 * diameter:g}")
@@ -148,6 +149,7 @@ class Valve(Part):
 
     @classmethod
     def _rules(cls, node: Any) -> Iterable[Problem]:
+        """Problem of a check valve's hole."""
         hole, ball = node_value(node, "seat_diameter"), node_value(node, "ball_radius")
         if are_numbers(hole, ball) and hole >= 2.0 * ball > 0.0:
             yield Problem(("seat_diameter",), hole, f"must be below the ball's diameter, {2.0 * ball:g}")
@@ -245,6 +247,7 @@ class Oil(Part):
 
     @classmethod
     def _complete_values(cls, values: Any) -> Any:
+        """Values of an oil with its viscosity at 20 degrees C."""
         given = isinstance(values, Mapping) and any(values.get(key) is not None for key in POINTS)
         if not given or values.get("viscosity") is not None:
             return values
@@ -253,6 +256,7 @@ class Oil(Part):
 
     @classmethod
     def _missing_key_problem(cls, key: str, node: Any) -> Problem:
+        """Problem of an oil's missing key."""
         if key == "viscosity":
             text = f"missing; {allowed_text(cls, key)}, or give viscosity_40 and viscosity_100 instead"
             return Problem((key,), None, text, BARE)
@@ -260,6 +264,7 @@ class Oil(Part):
 
     @classmethod
     def _rules(cls, node: Any) -> Iterable[Problem]:
+        """Problems of an oil's viscosities and pressures."""
         yield from _viscosity_rules(node)
         supply, ambient = node_value(node, "supply"), node_value(node, "ambient")
         ambient = 1.0e5 if ambient is None else ambient
@@ -409,7 +414,7 @@ class Tensioner(Part):
 
     @property
     def drag_flow(self) -> float:
-        """Oil flow dragged by the plunger over its speed, 0 without oil [m^2]."""
+        """Oil flow that the plunger drags over its speed [m^2]."""
         return 0.5 * math.pi * self._bore[0] * self._bore[1] if self.hydraulic else 0.0
 
     @property
@@ -422,6 +427,7 @@ class Tensioner(Part):
 
     @classmethod
     def _rules(cls, node: Any) -> Iterable[Problem]:
+        """Problems of a tensioner's parts."""
         kind = node_value(node, "kind")
         if kind == "spring":
             if node_value(node, "spring") is None:

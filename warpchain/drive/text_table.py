@@ -28,7 +28,7 @@ GAPS = frozenset({"", "nan", "-nan", "na", "n/a", "#n/a", "#na", "#nv", "null", 
 SUFFIXED_NAMES = ("time", "angle", "speed", "torque", "pressure", "lift", "x", "y")
 """Names that a unit may follow after an underscore."""
 TIME_NAMES = ("t", "time", "Time", "zeit", "Zeit", "temps", "Temps", "tempo", "Tempo")
-"""Names that may stand before a slash and a time's unit."""
+"""Names that may stand before a time's unit."""
 NO_TEXT = {
     b"PK\x03\x04": "a spreadsheet or an archive: save the table as CSV",
     b"\xd0\xcf\x11\xe0": "a spreadsheet: save the table as CSV",
@@ -86,7 +86,6 @@ class TextTable:
     """A text table as read, with text cells.
 
     Attributes:
-        heads: of the columns.
         line: line number of the names.
         rows: below the names, none empty or longer than the heads.
         decimal: "." or ",".
@@ -156,7 +155,7 @@ def read_text_table(
     Args:
         decimal: "." or ","; None is found.
         head: line of the names; None is found.
-        names: known names of columns, in small letters.
+        names: known columns, in small letters.
 
     Raises:
         TableError: unreadable or ambiguous.
@@ -306,7 +305,7 @@ def _find_names(
     """Heads of a text table, their line, and the first numbers'; or None.
 
     Raises:
-        TableError: several lines of names, or numbers without names.
+        TableError: several lines of names, or none.
     """
     if head is not None:
         return _names_at(rows, remarks, separator, head)
@@ -343,7 +342,7 @@ def _misplaced_numbers(above: list[Row], row: Row, block: list[Row], separator: 
 def _names_at(
     rows: list[Row], remarks: dict[int, str], separator: str, head: int
 ) -> tuple[list[Head], int, int] | None:
-    """Heads in a given line, their line, and the first numbers'; or None."""
+    """Heads in a given line, and the first numbers' line; or None."""
     own = _parsed_rows([(head, remarks[head])], separator) if head in remarks else rows
     names = next((row for row in own if row.line == head), None)
     below = [row for row in rows if row.line > head and row.width]
@@ -398,7 +397,7 @@ def _names_place(block: list[Row], wide: list[int], names: frozenset[str]) -> in
 
 
 def _says_names(cells: list[str], names: frozenset[str]) -> bool:
-    """Whether a text table's line has a known name, or one with a unit."""
+    """Whether a text table's line has known names or units."""
     heads = [head_of_cell(cell) for cell in cells]
     return any(head.name.lower() in names or (unit_from_text(head.unit) and head.unit != head.name) for head in heads)
 
@@ -415,7 +414,7 @@ def _cell_without_brackets(cell: str) -> str:
 
 
 def _heads_of_rows(rows: list[Row]) -> list[Head]:
-    """Heads of a text table from rows of names and, if present, units."""
+    """Heads of a text table from rows of names and units."""
     heads = [head_of_cell(cell) for cell in rows[0].cells[: rows[0].width]]
     below = rows[1].cells if len(rows) > 1 else []
     if below and (_is_unit_row(below) or not any(head.unit not in ("", head.name) for head in heads)):
@@ -431,7 +430,7 @@ def _heads_of_rows(rows: list[Row]) -> list[Head]:
 
 
 def _rows_below(lines: list[tuple[int, str]], first: int, separator: str, count: int) -> list[Row]:
-    """Rows from a line on, of at most `count` cells, else a TableError."""
+    """Rows of a text table from a line on; raises a TableError for too many cells."""
     below = [line for line in lines if line[0] >= first and line[1].strip()]
     rows = [row for row in _parsed_rows(below, separator) if any(row.cells)]
     for row in rows:

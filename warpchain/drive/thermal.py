@@ -43,6 +43,7 @@ class Expansion(Part):
 
     @classmethod
     def _complete_values(cls, values: Any) -> Any:
+        """Values of an expansion with materials as numbers."""
         if not isinstance(values, Mapping):
             return values
         return {key: MATERIALS.get(value, value) if isinstance(value, str) else value for key, value in values.items()}
@@ -52,10 +53,11 @@ Expansions = Annotated[Expansion | None, Allowed("must be a table { block, wheel
 
 
 class ExpansionRule(NamedTuple):
-    """Part with which a number of drive files expands, and the factor's power.
+    """Part with which a number of drive files expands.
 
     Attributes:
         of: key of `Expansion`.
+        power: of its factor.
     """
 
     of: str

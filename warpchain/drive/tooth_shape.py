@@ -45,7 +45,7 @@ class Tooth:
         """Direction of a tooth gap's force on a roller, outward and counter-clockwise (...).
 
         Args:
-            xi, eta: (...) roller's center from the seat, in these directions [m].
+            xi, eta: (...) roller's center from the seat, likewise [m].
         """
         import numpy as np
 
@@ -95,7 +95,7 @@ def default_seat_angle(teeth: int, pitch_radius: float, pitch: float) -> float:
 
 
 def half_gap_outline(tooth: Tooth, teeth: int, pitch_radius: float, arc_points: int = 9) -> NDArray[np.float64]:
-    """Outline (P, 2) from a tooth gap's middle, seat at (pitch_radius, 0), to the next tooth's [m]."""
+    """Outline (P, 2) of half a tooth gap, seat at (pitch_radius, 0) [m]."""
     import numpy as np
 
     half_seat, half_pitch = 0.5 * tooth.seat_angle, math.pi / teeth
@@ -127,7 +127,7 @@ def half_gap_outline(tooth: Tooth, teeth: int, pitch_radius: float, arc_points: 
 
 
 def gap_outline(tooth: Tooth, teeth: int, pitch_radius: float, arc_points: int = 9) -> NDArray[np.float64]:
-    """Outline (P, 2) of a tooth gap between teeth's middles, seat at (pitch_radius, 0) [m]."""
+    """Outline (P, 2) of a tooth gap, seat at (pitch_radius, 0) [m]."""
     import numpy as np
 
     half = half_gap_outline(tooth, teeth, pitch_radius, arc_points)
@@ -135,7 +135,7 @@ def gap_outline(tooth: Tooth, teeth: int, pitch_radius: float, arc_points: int =
 
 
 def teeth_around(gap: NDArray[np.float64], teeth: int) -> NDArray[np.float64]:
-    """Closed outline (P, 2) of a wheel of equal tooth gaps, one about the x axis [m]."""
+    """Closed outline (P, 2) of a wheel with equal tooth gaps (P, 2) [m]."""
     import numpy as np
 
     turn = 2.0 * math.pi / teeth * np.arange(teeth)

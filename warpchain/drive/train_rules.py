@@ -125,7 +125,7 @@ def _shaft_sprocket_rules(drive: Any, several: bool) -> Iterator[Problem]:
 
 
 def _plain_value(value: Any) -> Any:
-    """A center or mount of shaft rules, to be compared and shown."""
+    """Comparable form of a center or mount of shaft rules."""
     if value is None:
         return "fixed"
     if hasattr(value, "model_dump"):

@@ -128,6 +128,7 @@ class LiftTable(Part):
 
     @classmethod
     def _rules(cls, node: Any) -> Iterable[Problem]:
+        """Problems of a valve lift's table."""
         if node_value(node, "file") is not None:
             yield Problem(("file",), node_value(node, "file"), "only drive files name a file; give angle and lift")
             return
@@ -193,6 +194,7 @@ class LiftProfile(Part):
 
     @classmethod
     def _rules(cls, node: Any) -> Iterable[Problem]:
+        """Problems of a valve lift's profile."""
         parts = [node_value(node, key) for key in ("rise", "fall")]
         dwell = 0.0 if node_value(node, "dwell") is None else node_value(node, "dwell")
         if not are_numbers(*parts, dwell):
@@ -308,6 +310,7 @@ class Valves(Part):
 
     @classmethod
     def _rules(cls, node: Any) -> Iterable[Problem]:
+        """Problem of valves without one lift."""
         profile, table = node_value(node, "profile"), node_value(node, "table")
         if profile is None and table is None:
             yield Problem(("profile",), None, "missing; must be a table, or give table instead", BARE)

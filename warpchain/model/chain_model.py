@@ -35,7 +35,7 @@ class ChainModel:
 
     Attributes:
         name: "" of a single chain.
-        run: with the phase of the chain's leading sprocket.
+        run: with the phase of the chain's leader.
         shafts: (H,) those at home here (`warpchain.model.chain_models`), then `SprocketShaft`s.
         places: indices of its parts in the drive, by list.
     """
@@ -62,7 +62,7 @@ class ChainModel:
 
     @property
     def driver(self) -> int:
-        """Driving sprocket of the chain."""
+        """Index of the chain's driving sprocket."""
         return driving_sprocket(self)
 
     @property
@@ -100,11 +100,7 @@ class ChainModel:
         return pitch_radius(self.sprockets[s], self.chain)
 
     def riding_radius(self, s: int) -> float:
-        """Radius at which rollers ride on sprocket s, seated or, of longer links, on flanks [m].
-
-        Links l ride at l / (2 sin(pi/z)); unlike ones l, l', with a = 4 pi/z, at sqrt(l^2 + l'^2 + 2 l l' cos(a/2)) /
-        (2 sin(a/2)).
-        """
+        """Radius at which rollers ride on sprocket s, seated or, of longer links, on flanks [m]."""
         if self.sprockets[s].is_end:
             return END_RADIUS
         half = math.pi / self.sprockets[s].teeth
@@ -145,12 +141,12 @@ class ChainModel:
         return maximum(0.5 * self.chain.pitch, reach)
 
     def catching_sprockets(self) -> tuple[int, ...]:
-        """Sprockets whose straight flanks catch strands' rollers."""
+        """Indices of sprockets whose straight flanks catch rollers."""
         of = enumerate(self.sprockets)
         return tuple(s for s, sprocket in of if is_catching(sprocket, self.chain, self.tooth(s)))
 
     def guide_contact(self, g: int) -> GuideContact:
-        """Contact settings of guide g, over the common ones."""
+        """Contact settings of guide g, its own over the common ones."""
         common, own = self.contact.guide, self.guides[g].contact
         assert common is not None  # the drive's own rule
         return common if own is None else GuideContact.model_construct(**merged_contact_values(common, own))
@@ -171,30 +167,30 @@ class ChainModel:
         return next((a for a, arm in enumerate(self.arms) if arm.name == name), None)
 
     def arm_of(self, g: int) -> int | None:
-        """Arm that carries guide g; None on the ground."""
+        """Index of the arm that carries guide g, or None."""
         name = self.guides[g].arm
         return None if name is None else self.arm_index(name)
 
     def guides_of(self, a: int) -> tuple[int, ...]:
-        """Guides on arm a, by index."""
+        """Indices of guides on arm a."""
         return tuple(g for g, guide in enumerate(self.guides) if guide.arm == self.arms[a].name)
 
     def carrier(self, s: int) -> int | None:
-        """Arm that carries sprocket s, or None."""
+        """Index of the arm that carries sprocket s, or None."""
         mount = self.sprockets[s].mount
         return self.arm_index(mount.arm) if isinstance(mount, ArmMount) else None
 
     def parent(self, a: int) -> int | None:
-        """Arm that carries arm a; None on the ground."""
+        """Index of the arm that carries arm a, or None."""
         name = self.arms[a].arm
         return None if name is None else self.arm_index(name)
 
     def arms_on(self, a: int) -> tuple[int, ...]:
-        """Arms on arm a, by index."""
+        """Indices of arms on arm a."""
         return tuple(k for k, arm in enumerate(self.arms) if arm.arm == self.arms[a].name)
 
     def masses_on(self, a: int) -> list[tuple[float, tuple[float, float]]]:
-        """Masses [kg] and drawn places [m] of arm a, and of sprockets and arms on it."""
+        """Masses [kg] and drawn places [m] of arm a and what it carries."""
         arm, carried = self.arms[a], (self.sprockets[s] for s in self.sprockets_on(a))
         found = [(arm.mass, arm.center), *((s.mass, s.center) for s in carried if s.mass is not None)]
         return found + [(sum(mass for mass, _ in self.masses_on(k)), self.arms[k].pivot) for k in self.arms_on(a)]
@@ -205,7 +201,7 @@ class ChainModel:
         return None if arm is None else self.arms[arm].pivot_table
 
     def sprockets_on(self, a: int) -> tuple[int, ...]:
-        """Sprockets on arm a, by index."""
+        """Indices of sprockets on arm a."""
         return tuple(s for s in range(len(self.sprockets)) if self.carrier(s) == a)
 
     def center_lever(self, s: int) -> float:
@@ -258,7 +254,7 @@ class ChainModel:
         return (x - px) * dy - (y - py) * dx
 
     def tensioner_body(self, t: int) -> int:
-        """Body number that tensioner t pushes: a sprocket's or an arm's."""
+        """Body number, of a sprocket or an arm, that tensioner t pushes."""
         name = self.tensioners[t].on
         arm = self.arm_index(name)
         if arm is not None:

@@ -41,7 +41,7 @@ class _MotionPlan:
 
     Attributes:
         group: of each body, by number.
-        leaders: leading sprocket of each chain, in the order of motion.
+        leaders: leading sprockets by chain, in this order.
         home: chain of each group.
     """
 
@@ -103,11 +103,7 @@ class _MotionPlan:
 
 
 def chain_models(drive: Drive, loaded: bool = False) -> tuple[ChainModel, ...]:
-    """Models of a drive's or stack's chains.
-
-    Args:
-        loaded: whether `SprocketShaft`s have their loads.
-    """
+    """Models of a drive's or stack's chains, with loads of `SprocketShaft`s where `loaded`."""
     if not drive.chains:
         parts = {kind: getattr(drive, kind) for kind in (*CHAIN_PARTS, *TRAIN_PARTS)}
         places = _own_places(tuple(map(len, parts.values())))

@@ -27,7 +27,7 @@ def chain_part_places(drive: Any, name: str) -> dict[str, tuple[int, ...]]:
 
 
 def chain_of_arm(drive: Any, arm: Arm) -> str | None:
-    """Name of an arm's chain, by what its row of arms carries; else the first."""
+    """Name of an arm's chain, by what its row of arms carries."""
     first = arm.arm or arm.name
     row = {first} | {other.name for other in drive.arms if other.arm == first}
     guides = [guide.chain for guide in drive.guides if guide.arm in row]
@@ -40,7 +40,7 @@ def motion_by_own_angle(motion: Any, names: Set[str], ratio: Callable[[str], flo
 
     Args:
         names: of the chain's shafts.
-        ratio: speed of a shaft over its own.
+        ratio: of a shaft's speed to its own.
     """
     changes: dict[str, Any] = {}
     if getattr(motion, "harmonics", ()):

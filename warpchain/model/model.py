@@ -18,7 +18,7 @@ ChainBody = tuple[int, int]
 
 @dataclass(frozen=True)
 class Model:
-    """A drive, or a stack, with its chains; bodies are numbered sprockets, shafts, arms."""
+    """A drive, or a stack, with its chains."""
 
     drive: Drive
 

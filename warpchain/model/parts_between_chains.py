@@ -10,7 +10,7 @@ from warpchain.drive.sprocket import Load, Prescribed, Sprocket
 class LedSprocket(Sprocket):
     """Sprocket that leads a chain, itself turned by another.
 
-    It counts as prescribed at the speed of its ratios; in a run its angle is free.
+    It counts as prescribed; in a run its angle is free.
 
     Attributes:
         driver: start motion of the drive's driver.

@@ -35,7 +35,7 @@ B      3500   2800  2300   2000  1800  1500  1300  1200  1100  1000   950   900 
 
 
 class SizeRating(NamedTuple):
-    """Power rating coefficients of a size: K_s of plates, K_r of rollers."""
+    """Power rating coefficients of a chain size: K_s of plates, K_r of rollers."""
 
     plates: float
     rollers: float

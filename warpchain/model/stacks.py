@@ -129,7 +129,7 @@ class _ColumnStacker:
         faces: whether guides' faces must be the same.
 
     Attributes:
-        kinds: columns that differ; none for drives alike.
+        kinds: columns that differ.
     """
 
     def __init__(self, faces: bool) -> None:
@@ -222,11 +222,7 @@ def stack_of_values(values: Sequence[StackedValue]) -> StackedValue:
 
 
 def pick_variants(value: StackedValue, places: Any) -> StackedValue:
-    """Chosen variants of a stack or its part; a single one has plain numbers.
-
-    Args:
-        places: index of arrays (V,).
-    """
+    """Chosen variants of a stack or its part, by an index of arrays; a single one has plain numbers."""
     if isinstance(value, np.ndarray):
         found = value[places]
         return found if found.size > 1 else found.item()
@@ -299,11 +295,7 @@ def stack_arrays(value: Any) -> Iterator[NDArray[np.float64]]:
 
 
 def first_refused_variant(stack: Stack[Of], attempt: Callable[[Of], object]) -> tuple[int, DriveError]:
-    """First refused variant of a stack, and its error.
-
-    Args:
-        attempt: raises a DriveError where any variant is refused.
-    """
+    """First variant of a stack for which `attempt` raises a DriveError, and the error."""
     begin, end = 0, len(stack.members)
 
     def refusal(end: int) -> DriveError | None:
@@ -326,7 +318,6 @@ def first_refusal(refused: Sequence[tuple[int, DriveError]], numbers: NDArray[np
     """Error of a stack's first refused variant, which it names.
 
     Args:
-        refused: variants and errors.
         numbers: of all variants; None counts from 0.
     """
     v, error = min(refused, key=lambda pair: pair[0])

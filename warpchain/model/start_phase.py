@@ -27,10 +27,7 @@ def start_phase_angle(model: Any, name: str) -> Any:
 
 
 def motion_from_start_phase(model: Any, turned: Sprocket | Shaft, motion: TurningMotion) -> TurningMotion:
-    """Motion, load or motor of a body as `run.phase` starts it.
-
-    Harmonics gain the phase h 2 pi phase / z, tables over angle move back.
-    """
+    """Motion, load or motor of a body, its harmonics and tables as `run.phase` starts it."""
     phase = model.run.phase
     if phase is None or not is_true_somewhere(phase):
         return motion

@@ -25,7 +25,7 @@ class LumpedDrive:
     Attributes:
         start: start speed [rad/s].
         inertia: with the chain's [kg m^2].
-        motors, loads: with their speed ratios.
+        motors, loads: with speed ratios.
     """
 
     start: Any

@@ -67,7 +67,7 @@ def train_inertia(drive: Any, b: int) -> Any:
 
 
 def prescribed_leader(drive: Any, b: int) -> tuple[int, float] | None:
-    """Prescribed body of body b's train, and b's speed over its; or None."""
+    """Number of the prescribed body in body b's train, and b's speed over its; or None."""
     for other, ratio in zip(*train_of_body(drive, b), strict=True):
         part = part_of_body(drive, other)
         if part.prescribed is not None and not isinstance(part, LedSprocket):
@@ -148,7 +148,7 @@ def coupling_rest_angle(drive: Any, c: int, ratio: Any, laid: Any) -> tuple[int,
 
     Args:
         ratio: factor of the second body's angle.
-        laid: (..., S) angles of the sprockets [rad].
+        laid: (..., S) sprocket angles [rad].
     """
     first, second = coupled_bodies(drive, drive.couplings[c])
     rest = 0.0
