@@ -57,7 +57,7 @@ class ChainModel:
 
     @property
     def links(self) -> int:
-        """Number of the chain's links, and rollers; an open chain's absent link counts."""
+        """Number of the chain's links, or rollers, an absent one counted."""
         return self.chain.rollers
 
     @property
@@ -112,7 +112,7 @@ class ChainModel:
         return where(inner == outer, alone, maximum(self.pitch_radius(s), over_both / (2.0 * math.sin(2.0 * half))))
 
     def riding_lean(self, s: int) -> float:
-        """Angle by which outer links outreach a tooth of sprocket s at each end [rad]."""
+        """Angle by which outer links outreach a tooth of sprocket s [rad]."""
         if self.chain.outer is None or self.sprockets[s].is_end:
             return 0.0
         inner, outer = self.chain.pulled_pair
@@ -133,7 +133,7 @@ class ChainModel:
         return self.tooth(s).tip_radius
 
     def engagement(self, s: int) -> float:
-        """Height over sprocket s' pitch circle within which it keeps rollers [m]."""
+        """Height over sprocket s' pitch circle that keeps rollers [m]."""
         if self.sprockets[s].is_end:
             return 0.0
         size = self.chain.plate.reach if self.chain.is_silent else self.chain.roller_radius
@@ -210,7 +210,7 @@ class ChainModel:
         return hypot(x - px, y - py)
 
     def arm_lever(self, a: int) -> float:
-        """Largest distance of guided chain and carried sprockets from arm a's pivot [m]."""
+        """Largest distance of guided chain and sprockets from arm a's pivot [m]."""
         px, py = self.arms[a].pivot
         faces = [self.profile(g).points(self.chain.pitch, caps=False).tolist() for g in self.guides_of(a)]
         reach = maximum(0.0, *(hypot(px - x, py - y) for face in faces for x, y in face))
@@ -227,7 +227,7 @@ class ChainModel:
         return stop_damping(self.arms[a], self.stop_stiffness(a))
 
     def arm_inertia(self, a: int) -> float:
-        """Inertia of arm a about its pivot, plungers and carried parts included [kg m^2]."""
+        """Inertia of arm a and what it carries about its pivot [kg m^2]."""
         body, (px, py) = self.first_arm_body + a, self.arms[a].pivot
         carried = 0.0
         for s in self.sprockets_on(a):

@@ -103,7 +103,7 @@ class _MotionPlan:
 
 
 def chain_models(drive: Drive, loaded: bool = False) -> tuple[ChainModel, ...]:
-    """Models of a drive's or stack's chains, with loads of `SprocketShaft`s where `loaded`."""
+    """Models of a drive's or stack's chains, `SprocketShaft`s with loads where `loaded`."""
     if not drive.chains:
         parts = {kind: getattr(drive, kind) for kind in (*CHAIN_PARTS, *TRAIN_PARTS)}
         places = _own_places(tuple(map(len, parts.values())))
@@ -178,7 +178,7 @@ def _speed_ratio_by_name(plan: _MotionPlan, b: int) -> Any:
 
 
 def _sprocket_away_from_home(plan: _MotionPlan, s: int, names: set[str]) -> Sprocket:
-    """Sprocket s with its train's inertia and motion, away from its home chain."""
+    """Sprocket s away from its home chain, with its train's inertia and motion."""
     drive, sprocket = plan.drive, plan.drive.sprockets[s]
     led_by, first = prescribed_leader(drive, s), train_of_body(drive, s).bodies[0]
     changes = _motions_by_own_angle(plan, s, names) | {"shaft": plan.names[first], "prescribed": None}
@@ -230,7 +230,7 @@ def _start_motion(
 def _train_start_motion(
     plan: _MotionPlan, b: int, found: dict[str, ChainModel], starts: dict[str, StartMotion]
 ) -> StartMotion | None:
-    """Start motion of body b by train or chains, or None."""
+    """Start motion of body b by its train or chains, or None."""
     train = train_of_body(plan.drive, b).bodies
     for other in train:
         part, home = part_of_body(plan.drive, other), found.get(plan.home_chain(other))

@@ -13,7 +13,7 @@ from warpchain.model.chain_models import chain_models
 from warpchain.model.parts_between_chains import SprocketShaft
 
 ChainBody = tuple[int, int]
-"""A chain's index, and a body's number in it."""
+"""Chain's index and body's number in it."""
 
 
 @dataclass(frozen=True)
@@ -67,7 +67,7 @@ class Model:
 
     @property
     def shared_bodies(self) -> list[tuple[ChainBody, ChainBody]]:
-        """Pairs of one body: shaft in its home chain, sprocket in another."""
+        """Pairs of one body: home chain's shaft, other chain's sprocket."""
         sprockets = {of.name: (r, k) for r, chain in enumerate(self.chains) for k, of in enumerate(chain.sprockets)}
         return [
             ((r, b), sprockets[shaft.name])
@@ -82,7 +82,7 @@ class Model:
         return abs(float(found.ratio[b] / found.ratio[other])) if found.root[b] == found.root[other] else 1.0
 
     def chain_of_sprocket(self, s: int) -> tuple[ChainModel, int]:
-        """Chain of the drive's sprocket s, and its index there."""
+        """Chain of sprocket s of the drive, and its index there."""
         around = next(chain for chain in self.chains if s in chain.places["sprockets"])
         return around, around.places["sprockets"].index(s)
 

@@ -116,7 +116,7 @@ def mount_spring(sprocket: Sprocket) -> tuple[float, float]:
 
 
 def mount_frequencies(sprocket: Sprocket) -> tuple[float, ...]:
-    """Natural frequencies of a mount without chain, by axis [Hz]."""
+    """Natural frequencies of a mount without chain [Hz]."""
     mount = sprocket.mount
     stiffness: tuple[float, ...] = mount.stiffness if isinstance(mount, ElasticMount) else ()
     if isinstance(mount, SliderMount):

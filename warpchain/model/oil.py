@@ -14,13 +14,13 @@ if TYPE_CHECKING:
 EXPONENT = 1.4
 """Adiabatic exponent of air [-]."""
 LAMINAR_DROP = 5.0e3
-"""Pressure drop below which valve flow is linear [Pa]."""
+"""Pressure drop of linear valve flow [Pa]."""
 BOTTOM = 0.95
-"""Share of a chamber's volume that the plunger can take [-]."""
+"""Share of a chamber's volume for the plunger [-]."""
 
 
 def oil_stiffness(tensioner: Tensioner) -> float:
-    """Stiffness of a tensioner's closed oil chamber, E A^2 / V [N/m]."""
+    """Stiffness of a tensioner's closed oil chamber [N/m]."""
     if not tensioner.hydraulic:
         return 0.0
     oil, chamber = tensioner.oil, tensioner.chamber

@@ -26,8 +26,8 @@ class SprocketShaft(Shaft):
 
     Attributes:
         shaft: name of the sprocket's own.
-        demand: the sprocket's load with those that its chain turns.
-        driven_inertia: inertia that its chain turns, chain included [kg m^2].
+        demand: the sprocket's load and those behind its chain.
+        driven_inertia: of its chain and what that turns [kg m^2].
     """
 
     shaft: Name | None = None

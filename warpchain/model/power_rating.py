@@ -1,4 +1,4 @@
-"""Power for which standards rate a chain, with lubrication and elongation limits."""
+"""Power ratings of chains by standards, with lubrication and elongation limits."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from warpchain.drive.catalogue import CHAINS, SERIES_A_STRENGTH
 from warpchain.drive.stack_math import minimum, power
 
 HORSEPOWER, INCH, FOOT_A_MINUTE = 745.6998715822702, 0.0254, 0.00508
-"""Horsepower [W], inch [m] and foot a minute [m/s]."""
+"""Imperial units [W], [m], [m/s]."""
 STRAND_FACTORS = {1: 1.0, 2: 1.7, 3: 2.5}
 """Rated power over one strand's [-]."""
 SERVICE_FACTORS = {
@@ -43,7 +43,7 @@ class SizeRating(NamedTuple):
 
 
 def size_rating(size: str | None) -> SizeRating | None:
-    """Power rating coefficients of a chain size; None without a rating."""
+    """Power rating coefficients of a chain size, or None."""
     name = "" if size is None else size.partition("-")[0]
     if name not in CHAINS or size is None:
         return None

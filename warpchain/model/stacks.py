@@ -36,7 +36,7 @@ _FACE_NUMBERS |= {(kind, name) for kind in (Chain, NamedChain) for name in ("pit
 """The numbers that guides' faces depend on, by class and key."""
 
 _LIFT_NUMBERS = {(LiftProfile, "rise"), (LiftProfile, "dwell"), (LiftProfile, "fall"), (Valves, "phases")}
-"""Numbers of valve lifts that are the same in a stack."""
+"""Numbers of valve lifts equal in a stack."""
 
 _FREE_PARTS = {WornLink}
 """Parts whose numbers may be 0 in some variants."""
@@ -216,13 +216,13 @@ def _kind_key(value: Any) -> Hashable:
 
 
 def stack_of_values(values: Sequence[StackedValue]) -> StackedValue:
-    """Stack of drives or parts alike, differing numbers as arrays (V,)."""
+    """Stack of drives or parts alike, unequal numbers as arrays (V,)."""
     found: StackedValue = _ColumnStacker(faces=False).stack_column(values)
     return found
 
 
 def pick_variants(value: StackedValue, places: Any) -> StackedValue:
-    """Chosen variants of a stack or its part, by an index of arrays; a single one has plain numbers."""
+    """Chosen variants of a stack or its part, by index; a single one is plain."""
     if isinstance(value, np.ndarray):
         found = value[places]
         return found if found.size > 1 else found.item()
@@ -265,7 +265,7 @@ def variants_of_either(chosen: NDArray[np.bool_], one: Any, other: Any) -> Any:
 
 
 def _tuple_if_changed(old: tuple[Any, ...], new: tuple[Any, ...]) -> tuple[Any, ...]:
-    """The new tuple of stacked items, or the old one of the same."""
+    """The new tuple of stacked items, or the old equal one."""
     return old if all(a is b for a, b in zip(old, new, strict=True)) else new
 
 
@@ -295,7 +295,7 @@ def stack_arrays(value: Any) -> Iterator[NDArray[np.float64]]:
 
 
 def first_refused_variant(stack: Stack[Of], attempt: Callable[[Of], object]) -> tuple[int, DriveError]:
-    """First variant of a stack for which `attempt` raises a DriveError, and the error."""
+    """First variant of a stack that `attempt` refuses, and its DriveError."""
     begin, end = 0, len(stack.members)
 
     def refusal(end: int) -> DriveError | None:

@@ -1,4 +1,4 @@
-"""Driver's speed at the start and in balance, of a lumped drive."""
+"""Driver's speed at the start and in balance."""
 
 from __future__ import annotations
 
@@ -34,17 +34,17 @@ class LumpedDrive:
     loads: list[tuple[float, Any]]
 
     def net_moment(self, speed: Any) -> Any:
-        """Mean moment of a lumped drive's motors less loads' at a speed [N m]."""
+        """Mean moment of a lumped drive's motors less loads' [N m]."""
         return sum(r * motor.at(r * speed) for r, motor in self.motors) - self._load_moment(speed)
 
     def net_moment_bounds(self, speed: Any) -> tuple[Any, Any]:
-        """Least and largest net moment of a lumped drive at a speed [N m]."""
+        """Least and largest net moment of a lumped drive [N m]."""
         bounds = [[r * of for of in motor.bounds(r * speed)] for r, motor in self.motors]
         asked = self._load_moment(speed)
         return sum(low for low, _ in bounds) - asked, sum(high for _, high in bounds) - asked
 
     def _load_moment(self, speed: Any) -> Any:
-        """Moment of a lumped drive's loads at a speed [N m]."""
+        """Moment of a lumped drive's loads [N m]."""
         # 0 of as many as there are speeds, where nothing loads
         return 0.0 * speed + sum(r * load.steady_moment(r * speed) for r, load in self.loads)
 
@@ -135,7 +135,7 @@ def _speed_within_time(one: LumpedDrive, low: Any, high: Any, duration: Any) -> 
 
 
 def _values_at_rows(rows: Any, at: Any) -> Any:
-    """Values of a run-up's table (N,), or (N, V), at a row of each column."""
+    """Values of a run-up's table at a row of each column."""
     import numpy as np
 
     return rows[at] if rows.ndim == 1 else rows[at, np.arange(rows.shape[1])]

@@ -76,7 +76,7 @@ def prescribed_leader(drive: Any, b: int) -> tuple[int, float] | None:
 
 
 def is_free_body(drive: Any, s: int) -> bool:
-    """Whether nothing prescribes a body's angle."""
+    """Whether nothing prescribes body b's angle."""
     return prescribed_leader(drive, s) is None
 
 
