@@ -10,7 +10,7 @@ from common.drives import example_drive, without_friction
 
 from warpchain import Record, simulate
 from warpchain.assembly.arm_balance import chain_path
-from warpchain.assembly.statics import running
+from warpchain.assembly.statics import at_work
 from warpchain.assembly.timestep import automatic_step
 from warpchain.model import Model
 
@@ -66,7 +66,7 @@ def check(asked: argparse.Namespace) -> Iterator[Line]:
         run = simulate(drives, record=Record(channels=("position",), rate=1000.0))
         for k, (name, row) in enumerate(zip(MARINE, run.metrics.to_pylist(), strict=True)):
             found = np.array([row[f"{strand}.tension_mean"] for strand in drives[0].strand_names])
-            above, late = 1e-3 * (found - running(Model(drives[k]).chain).tension), run[k].time >= 0.5 * run[k].time[-1]
+            above, late = 1e-3 * (found - at_work(Model(drives[k]).chain).tension), run[k].time >= 0.5 * run[k].time[-1]
             whole, waves = bent_length(run[k], late)
             yield (name, f"{above.min():.1f} to {above.max():.1f} kN", f"{1e3 * whole:.2f} mm", f"{1e3 * waves:.2f} mm")
         return
@@ -75,7 +75,7 @@ def check(asked: argparse.Namespace) -> Iterator[Line]:
         drive = example_drive(name)
         (row,) = simulate(drive, record=Record("none"), duration=duration).metrics.to_pylist()
         found = np.array([row[f"{strand}.tension_mean"] for strand in drive.strand_names])
-        for strand, said, seen in zip(drive.strand_names, running(Model(drive).chain).tension, found, strict=True):
+        for strand, said, seen in zip(drive.strand_names, at_work(Model(drive).chain).tension, found, strict=True):
             off = 100.0 * (said - seen) / found.max()
             yield (f"{name}: {strand}", f"{said:.4g} N", f"{seen:.4g} N", f"{off:+.1f} %")
 

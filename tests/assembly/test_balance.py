@@ -14,7 +14,7 @@ from warpchain.assembly.fitting import fit_angle, fit_links, fit_position
 from warpchain.assembly.layout_checks import layout_faults
 from warpchain.assembly.path import path_at
 from warpchain.assembly.potential import Potential
-from warpchain.assembly.statics import running
+from warpchain.assembly.statics import at_work
 from warpchain.assembly.summary import derive, report
 from warpchain.errors import DriveError
 from warpchain.model import single_chain
@@ -199,7 +199,7 @@ def test_derivatives_with_an_arm_are_those_of_the_energy():
 def test_the_tensioner_gives_the_working_tension():
     """T = F l / (h_in - h_out) + m v^2 / p of the strand at the angle at work; 3e-3: four states within a pitch."""
     drive = timing().with_values(BARE)
-    steady = running(single_chain(drive))
+    steady = at_work(single_chain(drive))
     angle = float(steady.arm_angle[0])
     (string,) = [s for s in path_at(single_chain(drive), [angle]).strings if s and s.touches[0].arc.guide == 0]
     still, tensioner = RestingArm(single_chain(drive), 0), drive.tensioners[0]

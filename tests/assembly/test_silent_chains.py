@@ -20,7 +20,7 @@ from silent_chains import silent_drive
 
 from warpchain import Record, loads_drive, simulate
 from warpchain.assembly import assemble
-from warpchain.assembly.statics import equilibrium, running
+from warpchain.assembly.statics import at_work, equilibrium
 from warpchain.assembly.summary import derive
 from warpchain.assembly.toe_energy import Wheel
 from warpchain.modal.campbell import campbell
@@ -205,7 +205,7 @@ def test_wheels_bear_nothing_of_the_centrifugal_tension():
     values = {"sprockets.driven.mount": slider, "sprockets.driven.mass": 20.0}
     for speed in (1.0, 40.0, 80.0):
         drive = silent_drive(torque=0.0).with_values(values | {"sprockets.driver.prescribed.speed": speed})
-        chain, steady = drive.chain, running(single_chain(drive))
+        chain, steady = drive.chain, at_work(single_chain(drive))
         frequency = speed * 20 / math.tau
         assert steady.centrifugal == pytest.approx(chain.mass / chain.pitch * (frequency * chain.pitch) ** 2)
         length = chain.pitch + steady.tension / chain.stiffness

@@ -13,7 +13,7 @@ from warpchain import Drive, Record, loads_drive, simulate
 from warpchain.assembly import assemble
 from warpchain.assembly.frequencies import moving_frequency, strand_frequency
 from warpchain.assembly.potential import Potential
-from warpchain.assembly.statics import _assembled_coordinates, _coordinate_name, _Solver, at_rest, load_moments, running
+from warpchain.assembly.statics import _assembled_coordinates, _coordinate_name, _Solver, at_rest, at_work, load_moments
 from warpchain.assembly.summary import derive, report
 from warpchain.model import Model, single_chain
 
@@ -84,7 +84,7 @@ def test_tension_rises_by_the_load_over_the_mean_lever():
     """A turn takes z links by, tight ones in and slack ones out: with what they store, 2 pi M =
     z [(T_t - T_s) p + (T_t^2 - T_s^2) / (2 k)]. Four states within a pitch average its ripple: 3e-4."""
     drive = pair(viscous=5.0)
-    steady = running(single_chain(drive))
+    steady = at_work(single_chain(drive))
     assert steady.failure is None
     slack, tight = steady.tension
     work = 20 * ((tight - slack) * 0.05 + (tight**2 - slack**2) / (2.0 * 5e7))
@@ -97,7 +97,7 @@ def test_a_slider_bears_on_the_chain_with_its_preload():
     """Along the slide preload less spring equals the pull of both strands less m v^2 / p each; 1 %: strands turn by
     up to half a pitch's rise as the polygon turns, and the mean of products is not that of the means."""
     drive = engine()
-    mount, steady = drive.sprockets[1].mount, running(single_chain(drive))
+    mount, steady = drive.sprockets[1].mount, at_work(single_chain(drive))
     path, pull = assemble(drive).path, 0.0
     for strand, away in ((0, -1.0), (1, 1.0)):
         x = path.strand_end[strand] - path.strand_start[strand]
@@ -124,7 +124,7 @@ def test_a_quiet_run_shows_these_tensions(changes):
     drive = pair().with_values(changes)
     (row,) = simulate(drive, record=Record("none"), duration=0.95, window=(0.322, 0.95)).metrics.to_pylist()
     found = np.array([row[f"{name}.tension_mean"] for name in drive.strand_names])
-    steady = running(single_chain(drive))
+    steady = at_work(single_chain(drive))
     assert steady.failure is None
     assert steady.tension == pytest.approx(found, abs=0.02 * found.max())
 

@@ -9,7 +9,7 @@ from scipy.optimize import least_squares
 
 from warpchain import Record, dumps_drive, loads_drive, simulate
 from warpchain.assembly.potential import Potential
-from warpchain.assembly.statics import running
+from warpchain.assembly.statics import at_work
 from warpchain.assembly.timestep import highest_frequency, step_limit
 from warpchain.engine.pack import pack
 from warpchain.errors import DriveError
@@ -59,7 +59,7 @@ def test_attachments_everywhere_are_heavier_rollers_bitwise(precision, integrato
     assert rows[1] == rows[0]
     assert rows[2] == rows[0]
     one, other = single_chain(heavy), single_chain(everywhere)
-    np.testing.assert_array_equal(running(other).tension, running(one).tension)
+    np.testing.assert_array_equal(at_work(other).tension, at_work(one).tension)
     assert step_limit(everywhere) == step_limit(heavy)
 
 
@@ -202,7 +202,7 @@ def test_check_counts_the_mean_mass_and_the_lightest():
     mean = 1.0 + 4.0 / 3.0
     assert drive.chain.mass == pytest.approx(mean, rel=1e-15)
     # 20 teeth at 10 rad/s: m' v^2 with v = p z omega / (2 pi)
-    assert running(single_chain(drive)).centrifugal == pytest.approx(
+    assert at_work(single_chain(drive)).centrifugal == pytest.approx(
         mean * 0.05 * (200.0 / (2 * np.pi)) ** 2, rel=1e-12
     )
     heavy = two_sprockets(mass=mean)

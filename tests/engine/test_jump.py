@@ -88,7 +88,7 @@ def test_few_teeth_jump_at_the_ratio_that_they_hold(triangle):
     n, radius, tension = (
         wrap * 20 / math.tau,
         single_chain(triangle).pitch_radius(2),
-        float(statics.running(single_chain(triangle)).tension[1]),
+        float(statics.at_work(single_chain(triangle)).tension[1]),
     )
     assert tension == pytest.approx(0.5 * FORCE / math.cos(0.5 * math.atan(HEIGHT)), rel=0.02)  # the chain's polygon
     told = []

@@ -9,7 +9,7 @@ from raw import settling, state
 from warpchain import Drive, Record, dumps_drive, loads_drive, simulate
 from warpchain.assembly.assembly import assemble_chain
 from warpchain.assembly.potential import Potential
-from warpchain.assembly.statics import running
+from warpchain.assembly.statics import at_work
 from warpchain.assembly.strand_load import goods_on_pins
 from warpchain.assembly.timestep import step_limit
 from warpchain.engine.pack import pack
@@ -86,7 +86,7 @@ def test_a_strand_at_rest_bears_the_goods_on_it():
     rollers[:], centers[:], angles[:] = place, packed.bodies["center"], packed.bodies["angle"]
     assert np.abs(potential.terms(x).gradient[: 2 * len(place)]).max() < 1e-6 * pull.max()
     # and so says the check: the strand's mean tension over the other one's
-    plain, loaded = running(single_chain(elevator(speed=0.0))).tension, running(model).tension
+    plain, loaded = at_work(single_chain(elevator(speed=0.0))).tension, at_work(model).tension
     assert loaded[0] - plain[0] > 0.3 * GRAVITY * 20.0 * 0.75
 
 

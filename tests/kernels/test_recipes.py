@@ -72,7 +72,7 @@ PULLED = """
 import sys
 import numpy as np
 from warpchain import load_drive, modes, simulate
-from warpchain.assembly.statics import at_rest, running
+from warpchain.assembly.statics import at_rest, at_work
 from warpchain.assembly.timestep import step_limit
 from warpchain.model import Model
 
@@ -80,7 +80,7 @@ base = load_drive(sys.argv[1])
 new = base.with_values({"chain.stiffness": 3e7, "chain.pull_stiffness": 2e7})
 old, stiff = base.with_values({"chain.stiffness": 3e7}), base.with_values({"chain.stiffness": 5e7})
 assert step_limit(new) == step_limit(stiff)
-for steady in (at_rest, running):  # links that are all pulled: of a chain as stiff as both together, and not of one
+for steady in (at_rest, at_work):  # links that are all pulled: of a chain as stiff as both together, and not of one
     pulled, one_as_stiff, one = (steady(Model(drive).chain).tension for drive in (new, stiff, old))
     np.testing.assert_allclose(pulled, one_as_stiff, rtol=1e-6)
     assert pulled.min() > 1.2 * one.min() > 0.0

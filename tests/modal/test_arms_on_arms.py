@@ -6,7 +6,7 @@ from drives import jointed_blade, two_sprockets
 from scipy.linalg import eigh
 
 from warpchain import modes
-from warpchain.assembly.statics import at_rest, running
+from warpchain.assembly.statics import at_rest, at_work
 from warpchain.drive import Drive
 from warpchain.modal.small_motion import standing_chains
 from warpchain.model import single_chain
@@ -58,11 +58,11 @@ def test_two_long_levers_are_a_center_on_two_springs():
     """The spring of the short one feels the long one's turn, too: length / far of it; both fall to a third here."""
     drive = two_sprockets().with_values({"sprockets.driven.mass": 30.0})
     springs = drive.with_values({"sprockets.driven.mount": SPRINGS})
-    wanted, shapes = (at_rest(single_chain(springs)), running(single_chain(springs))), modes(springs, 6)
+    wanted, shapes = (at_rest(single_chain(springs)), at_work(single_chain(springs))), modes(springs, 6)
     off, moved = [], []
     for length, far in ((1.0, 100.0), (3.0, 900.0)):
         levers = on_levers(drive, length, far)
-        for one, other in zip((at_rest(single_chain(levers)), running(single_chain(levers))), wanted, strict=True):
+        for one, other in zip((at_rest(single_chain(levers)), at_work(single_chain(levers))), wanted, strict=True):
             assert one.failure is None
             assert one.tension == pytest.approx(other.tension, rel=2e-3 / length)
         rest = at_rest(single_chain(levers))

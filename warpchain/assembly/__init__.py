@@ -1,4 +1,4 @@
-"""Chains of a drive in place: path, seating of rollers, initial state, statics, time step, set-up help."""
+"""Chains of a drive in place, before a run: path, seating, initial state, statics, set-up help."""
 
 from warpchain.assembly.assembly import (
     Assembly,

@@ -1,13 +1,11 @@
-"""Angles at which a drive's arms are in balance with chain, springs, weight, stops and tensioners.
+"""Balance of a drive's arms: angles at which chain, springs, weight, stops and tensioners hold them.
 
-The chain, of tension T and without friction, turns an arm by T (h_out - h_in), h the levers of the tangents where it
-comes and goes. With the strain e of its path at these angles, T = k p e:
+A frictionless chain of tension T = k p e, e the strain of its path, turns an arm by T (h_out - h_in), h the levers of
+the tangents where it comes and goes (docs/guides-and-tensioners.md):
 
     T (h_out - h_in) - k_t (theta - theta_0) + m (r_c - p) x g + stops + sum of tensioners F l = 0.       (a)
 
-A sprocket on the arm adds the pull of its two strands and T w r . d / R of its own weight, r its center from the pivot,
-d from where the chain arrives to where it leaves. The left side falls through 0 once; arms are solved one by one, until
-none moves.
+A sprocket on the arm adds its weight and the pull of its strands.
 """
 
 from __future__ import annotations
@@ -42,16 +40,16 @@ if TYPE_CHECKING:
     from warpchain.model import ChainModel
 
 FARTHEST = math.radians(90.0)
-"""Farthest angle of an arm from where it is drawn, or from its stops, at which a balance is sought [rad]."""
+"""Farthest angle from drawing or stop at which an arm's balance is sought [rad]."""
 
 AT_STOP = math.radians(1e-4)
-"""Largest angle from a stop at which an arm counts as standing on it [rad]."""
+"""Largest angle off a stop of an arm that stands on it [rad]."""
 
 OFF = math.radians(0.01)
-"""Least angle by which a chain must turn an arm to count as holding it [rad]."""
+"""Least angle by which a chain that holds an arm turns it [rad]."""
 
 LEAST_SQUARE = 1e-12
-"""Square of the least length of an arm's coil spring [m^2]."""
+"""Least squared length of an arm's coil spring [m^2]."""
 
 _STEP = math.radians(0.25)
 _SWEEPS = 60
@@ -64,13 +62,13 @@ _STILL = 1e-11  # rad
 
 
 def path_tension(model: ChainModel, path: ChainPath | PathValues, beyond: Any = 0.0) -> Any:
-    """Tension of a chain on its path [N], 0 where slack; `beyond` adds to its strain."""
+    """Tension of a chain on its path, strained by `beyond` more [N]; 0 where slack."""
     strain = minimum(path.nominal_strain, MAX_STRAIN) + beyond
     return model.chain.mean_stiffness * path.pitch * maximum(strain, 0.0)
 
 
 class RestingTensioner:
-    """Push of a tensioner at rest: spring and oil, which never pull, and the bottom of its chamber."""
+    """Push of a tensioner on a resting arm: spring, oil, and its chamber's bottom."""
 
     def __init__(self, model: ChainModel, tensioner: Tensioner) -> None:
         self.at, self.unit_direction = tensioner.at, tensioner.unit_direction
@@ -78,25 +76,22 @@ class RestingTensioner:
         self.bottom, self.stop = bottom_place(tensioner), model.chain.stiffness
 
     def force(self, x: Any) -> Any:
-        """Force of a tensioner at rest along its direction at an extension [m], [N]."""
+        """Force of a tensioner at rest at an extension [N]."""
         return maximum(self.push - self.spring * x, 0.0) + self.stop * maximum(self.bottom - x, 0.0)
 
     def energy(self, x: float) -> float:
-        """Potential energy of a tensioner at an extension [J]."""
+        """Potential energy of a tensioner at rest at an extension [J]."""
         reach = min(x, self.push / self.spring) if self.spring > 0.0 else x  # from where on it does not push
         found = 0.5 * self.spring * reach**2 - self.push * reach if self.push > 0.0 or self.spring > 0.0 else 0.0
         return found + 0.5 * self.stop * max(self.bottom - x, 0.0) ** 2
 
     def stiffness(self, x: float) -> float:
-        """Stiffness of a tensioner at rest, minus its force's derivative [N/m]."""
+        """Stiffness of a tensioner at rest at an extension [N/m]."""
         return (self.spring if self.push > self.spring * x else 0.0) + (self.stop if x < self.bottom else 0.0)
 
 
 class RestingCoil:
-    """Coil spring of an arm at rest: l^2 = q^2 + f^2 - 2 q f cos(a), dl/da = q f sin(a) / l.
-
-    q and f are the distances of its ends from the pivot, a the angle between them.
-    """
+    """Coil spring of a resting arm."""
 
     def __init__(self, arm: Arm) -> None:
         spring, (px, py) = arm.spring, arm.pivot
@@ -110,29 +105,29 @@ class RestingCoil:
         self.stiffness, self.free_length = spring.stiffness, spring.free_length
 
     def _length(self, angle: Any) -> tuple[Any, Any, Any]:
-        """Coil spring's length [m], and q f times cosine and sine of the angle between its ends [m^2]."""
+        """Coil spring's length [m], and its ends' inner and cross product from the pivot [m^2]."""
         cosine, sine = unit_vector(angle)
         inner, outer = self.inner * cosine - self.outer * sine, self.outer * cosine + self.inner * sine
         return sqrt(maximum(self.squares - 2.0 * inner, LEAST_SQUARE)), inner, outer
 
     def moment(self, angle: Any) -> Any:
-        """Moment of a coil spring on its arm at an angle [rad], [N m]."""
+        """Moment of an arm's coil spring at the arm's angle [N m]."""
         length, _, outer = self._length(angle)
         return -self.stiffness * (length - self.free_length) * outer / length
 
     def energy(self, angle: float) -> float:
-        """Potential energy of a coil spring at an arm's angle [J]."""
+        """Potential energy of an arm's coil spring at the arm's angle [J]."""
         return float(0.5 * self.stiffness * (self._length(angle)[0] - self.free_length) ** 2)
 
     def torsional_stiffness(self, angle: float) -> float:
-        """Minus the derivative of a coil spring's moment by the arm's angle [N m/rad]."""
+        """Torsional stiffness of an arm's coil spring at the arm's angle [N m/rad]."""
         length, inner, outer = self._length(angle)
         lever, tension = outer / length, self.stiffness * (length - self.free_length)
         return float(self.stiffness * lever**2 + tension * (inner - lever**2) / length)
 
 
 class RestingArm:
-    """Moments on an arm at rest without the chain's: springs, weight, stops and tensioners."""
+    """Moments on a resting arm without the chain's: springs, weight, stops, tensioners."""
 
     def __init__(self, model: ChainModel, a: int) -> None:
         arm = model.arms[a]
@@ -145,10 +140,10 @@ class RestingArm:
         self.coil = None if arm.spring is None else RestingCoil(arm)
 
     def moment(self, angle: Any) -> Any:
-        """Moment on an arm about its pivot without the chain's, at an angle [rad], [N m]."""
-        return self.joint(angle, self.weight(angle))
+        """Moment on an arm without the chain's, at the arm's angle [N m]."""
+        return self.joint_moment(angle, self.weight_moment(angle))
 
-    def weight(self, angle: Any) -> Any:
+    def weight_moment(self, angle: Any) -> Any:
         """Moment of an arm's weight about its pivot [N m]."""
         (gx, gy), found = self.gravity, 0.0
         for mass, center in self.weights:
@@ -156,8 +151,8 @@ class RestingArm:
             found = found + mass * (x * gy - y * gx)
         return found
 
-    def joint(self, angle: Any, beside: Any = 0.0) -> Any:
-        """Moment of an arm's spring and stops, of a parent arm's tensioners too, plus `beside` [N m]."""
+    def joint_moment(self, angle: Any, beside: Any = 0.0) -> Any:
+        """Moment of an arm's springs, stops and tensioners, plus `beside`, at its angle to its parent [N m]."""
         found = (
             beside
             - self.arm.stiffness * (angle - self.arm.free_angle_rad)
@@ -171,7 +166,7 @@ class RestingArm:
         return found
 
     def energy(self, angle: float) -> float:
-        """Potential energy of an arm without the chain at an angle [rad], [J]."""
+        """Potential energy of an arm without the chain, at the arm's angle [J]."""
         arm = self.arm
         found = 0.5 * arm.stiffness * (angle - arm.free_angle_rad) ** 2 - self.weight_work(angle)
         found += 0.5 * self.stop * self.excess_beyond_stops(angle) ** 2
@@ -179,7 +174,7 @@ class RestingArm:
         return found + sum(tensioner.energy(self.extension(tensioner, angle)) for tensioner in self.tensioners)
 
     def stiffness(self, angle: float) -> float:
-        """Minus the derivative of an arm's moment, the chain's aside, by its angle [N m/rad]."""
+        """Torsional stiffness of an arm without the chain's [N m/rad]."""
         arm = self.arm
         found = self.weight_work(angle) + arm.stiffness + (self.stop if self.excess_beyond_stops(angle) else 0.0)
         found += 0.0 if self.coil is None else self.coil.torsional_stiffness(angle)
@@ -190,18 +185,18 @@ class RestingArm:
         return found
 
     def excess_beyond_stops(self, angle: Any) -> Any:
-        """Angle of an arm beyond its stops [rad], positive beyond the upper one."""
+        """Angle of an arm beyond its stops [rad], above 0 beyond the upper one."""
         low, high = self.arm.stops_rad
         return maximum(angle - high, 0.0) - maximum(low - angle, 0.0)
 
     def extension(self, tensioner: Tensioner | RestingTensioner, angle: Any) -> Any:
-        """Extension of an arm's tensioner at an angle [rad], [m]."""
+        """Extension of an arm's tensioner at the arm's angle [m]."""
         (x, y), (ux, uy) = self._place_from_pivot(tensioner.at, angle), tensioner.unit_direction
         (px, py), (ax, ay) = self.arm.pivot, tensioner.at
         return (x + px - ax) * ux + (y + py - ay) * uy
 
     def weight_work(self, angle: float) -> float:
-        """Work of an arm's weight up to an angle [J], minus the derivative of its moment."""
+        """Work of an arm's weight up to an angle [J]."""
         found, (gx, gy) = 0.0, self.gravity
         for mass, center in self.weights:
             x, y = self._place_from_pivot(center, angle)
@@ -214,26 +209,26 @@ class RestingArm:
         return x * uy - y * ux, -(x * ux + y * uy)
 
     def _place_from_pivot(self, place: Sequence[float], angle: Any) -> tuple[Any, Any]:
-        """Vector from an arm's pivot to a place as drawn, turned by an angle [m]."""
+        """Vector from an arm's pivot to a drawn place, turned by an angle [m]."""
         (px, py), (cosine, sine) = self.arm.pivot, unit_vector(angle)
         dx, dy = place[0] - px, place[1] - py
         return cosine * dx - sine * dy, sine * dx + cosine * dy
 
 
 def is_unloaded_arm(model: ChainModel, a: int, angle: float) -> bool:
-    """Whether an arm stands, within `OFF`, where it would without a chain."""
+    """Whether an arm stands, within `OFF`, at its balance without a chain."""
     still = RestingArm(model, a)
     return abs(still.moment(angle)) <= OFF * abs(still.stiffness(angle))
 
 
 def stop_name(model: ChainModel, a: int, angle: float) -> str | None:
-    """Stop on which arm a stands at an angle [rad], "lower" or "upper"; None off both."""
+    """Stop on which arm a stands: "lower", "upper" or None."""
     lower, upper = has_reached_stops(model.arms[a], angle)
     return "lower" if lower else "upper" if upper else None
 
 
 def has_reached_stops(arm: Arm, angle: Any) -> tuple[Any, Any]:
-    """Whether an arm stands on its lower and on its upper stop at an angle [rad]."""
+    """Whether an arm stands on its lower stop, and on its upper one."""
     low, high = arm.stops_rad
     return angle <= low + AT_STOP, angle >= high - AT_STOP
 
@@ -241,7 +236,7 @@ def has_reached_stops(arm: Arm, angle: Any) -> tuple[Any, Any]:
 def chain_moment(
     model: ChainModel, path: ChainPath | PathValues, a: int, beyond: Any = 0.0, pivot: tuple[Any, Any] | None = None
 ) -> Any:
-    """Moment of the chain on arm a, and on arms on it, about its pivot as drawn or at `pivot` [m], [N m]."""
+    """Moment of the chain on arm a and arms on it, about its drawn pivot or `pivot` [N m]."""
     pivot = model.arms[a].pivot if pivot is None else pivot
     levers = 0.0
     for arm in (a, *model.arms_on(a)):
@@ -251,7 +246,7 @@ def chain_moment(
 
 
 def _strand_pull_lever(model: ChainModel, path: ChainPath | PathValues, s: int, pivot: tuple[Any, Any]) -> Any:
-    """Lever about a pivot of the unit pulls of sprocket s' two strands [m]."""
+    """Lever of sprocket s' two strands about an arm's pivot, moment over tension [m]."""
     px, py = pivot
     if isinstance(path, PathValues):
         (x, y), (ax, ay), (bx, by) = path.center[s], path.end[s - 1], path.start[s]
@@ -262,7 +257,7 @@ def _strand_pull_lever(model: ChainModel, path: ChainPath | PathValues, s: int, 
 
 
 class ArmBalance:
-    """Solver for the balance (a) of a drive's arms with its chain.
+    """Solver for the arms' angles in balance with the chain, (a).
 
     Raises:
         DriveError, UnlikeVariants: as `PathPlan`.
@@ -277,8 +272,8 @@ class ArmBalance:
         """Chain path with all arms in balance, with the first axis of a stack.
 
         Args:
-            beyond: strain of the chain beyond the path's nominal one [-].
-            angles: (A,) first guess [rad]; None is as drawn.
+            beyond: strain beyond the nominal one [-].
+            angles: (A,) first guess, None as drawn [rad].
 
         Raises:
             DriveError: an arm without a balance; or as `path_at`.
@@ -291,20 +286,22 @@ class ArmBalance:
         for _ in range(_SWEEPS):
             before = list(found)
             for a in range(len(found)):
-                found[a] = self._balance(found, a, beyond)
+                found[a] = self._balanced_angle(found, a, beyond)
             moved = [abs(x - y) for x, y in zip(found, before, strict=True)]
             if len(found) == 1 or shared_value(maximum(*moved) <= _STILL):
                 break
         return self.plan.path(found)
 
-    def _balance(self, angles: Sequence[Any], a: int, beyond: Any) -> Any:
-        """Angle of arm a [rad] at the balance (a), for fixed angles of the other arms."""
+    def _balanced_angle(self, angles: Sequence[Any], a: int, beyond: Any) -> Any:
+        """Angle of arm a in balance, the other arms fixed [rad]."""
         model = self.plan.model
 
         def moment(angle: Any) -> Any:
-            """Moment on the arm at an angle [N m]."""
+            """Moment on the arm, chain included [N m]."""
             course = self.plan.path_values([*angles[:a], angle, *angles[a + 1 :]])
-            return self._own(angles, a, angle) + chain_moment(model, course, a, beyond, self._pivot(angles, a))
+            return self._moment_without_chain(angles, a, angle) + chain_moment(
+                model, course, a, beyond, self._pivot(angles, a)
+            )
 
         quick = _secant_root(moment, angles[a], self.slopes.get(a))
         if quick is not None:
@@ -319,12 +316,12 @@ class ArmBalance:
         model = self.plan.model
         return place_on_arm(model, model.parent(a), model.arms[a].pivot, angles)
 
-    def _own(self, angles: Sequence[Any], a: int, angle: Any) -> Any:
-        """Moment on arm a without the chain's, with the weight of arms on it [N m]."""
+    def _moment_without_chain(self, angles: Sequence[Any], a: int, angle: Any) -> Any:
+        """Moment on arm a and arms on it without the chain's [N m]."""
         model, (gx, gy) = self.plan.model, self.plan.model.run.gravity
         if model.parent(a) is None and not model.arms_on(a):
             return self.still[a].moment(angle)
-        found = self.still[a].joint(angle)
+        found = self.still[a].joint_moment(angle)
         turned = [*angles[:a], angle, *angles[a + 1 :]]
         px, py = self._pivot(angles, a)
         for arm in (a, *model.arms_on(a)):
@@ -335,7 +332,7 @@ class ArmBalance:
 
 
 def _bracketed_root(moment: Callable[[float], float], arm: Arm, near: float) -> float:
-    """Root of an arm's moment by its angle [rad], bracketed by steps from `near`; slow, sure."""
+    """Angle at which an arm's moment is 0, bracketed from `near` [rad]."""
     from scipy.optimize import brentq  # slow to import
 
     low, high = arm.stops_rad
@@ -361,12 +358,11 @@ def _bracketed_root(moment: Callable[[float], float], arm: Arm, near: float) -> 
 
 
 def _secant_root(moment: Callable[[Any], Any], near: Any, slope: Any = None) -> tuple[Any, Any] | None:
-    """Root of an arm's moment by secants and halving [rad], and its slope there [N m/rad]; None without a root.
+    """Angle at which an arm's moment is 0 [rad], and its slope there [N m/rad]; None if secants fail.
 
     Args:
         moment: falls with the angle.
-        near: first guess of the root [rad].
-        slope: that of the slope [N m/rad].
+        near, slope: first guesses of both.
     """
     try:
         before, here = near, moment(near)
@@ -400,21 +396,21 @@ def _secant_root(moment: Callable[[Any], Any], near: Any, slope: Any = None) -> 
 
 
 def _newton_change(here: Any, slope: Any) -> Any:
-    """Newton step of an arm's angle towards zero moment [rad]; of slope 1 where the moment does not fall."""
+    """Newton step of an arm's angle to balance [rad]; of slope -1 where the moment does not fall."""
     return maximum(-_LONGEST, minimum(_LONGEST, -here / where(slope < 0.0, slope, -1.0)))
 
 
 def chain_path(model: ChainModel) -> ChainPath:
-    """Chain path of a drive with its arms in balance; links need not fit (`check_fit`).
+    """Path of a chain with arms in balance; links need not fit.
 
     Raises:
-        DriveError: as `path_at`; or an arm without a balance.
+        DriveError: an arm without a balance; or as `path_at`.
     """
     return chain_paths(model)[0]
 
 
 def chain_paths(model: ChainModel) -> ChainPath:
-    """Chain paths of a stack with arms in balance, one `ChainPath` with a first axis (V,).
+    """Paths of a stack's chains with arms in balance, as one with a first axis (V,).
 
     Raises:
         DriveError: as `chain_path`, of the first such variant.

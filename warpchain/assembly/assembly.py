@@ -1,18 +1,13 @@
 """Initial state of a drive: rollers of wrapped arcs on seats, strands drawn from seat to seat.
 
-A taut chain's strands are straight, their links strained alike. Links of a slack strand of chord C have their unloaded
-lengths l_i and are chords of an arc of radius rho through both end seats. With 2 y_i the angle of link i at its center,
-Y_i = y_1 + ... + y_i and Y the sum of all,
+A slack strand of chord C is an arc of radius rho through its end seats, whose chords are its links of unloaded lengths
+l_i. With 2 y_i the angle of link i at the arc's center, Y_i = y_1 + ... + y_i and Y the sum of all, roller i is at x_i
+along the chord and h_i off it, towards gravity:
 
     2 rho sin(Y) = C,   sin(y_i) = l_i / (2 rho),                                               (a)
-    x_i = C sin(Y_i) cos(Y - Y_i) / sin(Y),   h_i = C sin(Y_i) sin(Y - Y_i) / sin(Y)             (b)
+    x_i = C sin(Y_i) cos(Y - Y_i) / sin(Y),   h_i = C sin(Y_i) sin(Y - Y_i) / sin(Y).            (b)
 
-are roller i's places along the chord and off it, towards gravity (outward where gravity does not act across). Worn
-links, longer than a sprocket's pitch, stand off their seats at the radius where they span a tooth each, outer and inner
-ones of unlike length two teeth. Links longer in pitch on a sprocket than unloaded carry force from the start.
-
-The driver, the first prescribed sprocket, has a seat where the chain's path arrives on it, or `run.phase` teeth further
-on; `warpchain.assembly.seating` gives the other angles. Seat 0 of each sprocket is the one nearest to the x direction.
+The driver has a seat where the path arrives, or `run.phase` teeth further on.
 """
 
 from __future__ import annotations
@@ -75,23 +70,22 @@ _TIE = 1e-9  # of a pitch angle, gravity's direction or a strand's length: which
 
 @dataclass(frozen=True)
 class Assembly:
-    """Assembled state of a drive of N rollers and S sprockets; the chain travels towards increasing index.
+    """Assembled state of a drive: N rollers, S sprockets, A arms, H shafts; the chain travels to higher indices.
 
-    Roller 0 is the first seated roller of sprocket 0. States of V variants are one, with a first axis more.
+    Roller 0 is the first seated one of sprocket 0. States of V variants have a first axis more.
 
     Attributes:
-        position: (N, 2) roller centers [m].
-        velocity: (N, 2) roller velocities [m/s].
-        sprocket_angle: (S,) sprocket angles, counter-clockwise [rad].
-        sprocket_speed: (S,) sprocket angular velocities, counter-clockwise [rad/s].
+        position: (N, 2) rollers [m].
+        velocity: (N, 2) rollers [m/s].
+        sprocket_angle: (S,) counter-clockwise [rad].
+        sprocket_speed: (S,) counter-clockwise [rad/s].
         seat_sprocket: (N,) int32, sprocket on which the roller sits, -1 in a strand.
-        seat_index: (N,) int32, seat that holds the roller, or -1; seat j is at sprocket angle + j 2 pi / teeth.
-        strand_first: (S,) index of the roller on the last seat before strand k.
-        strand_links: (S,) number of links of strand k, from seat to seat.
-        strain: of the strands' links; below 0 the chord's shortfall of a slack chain.
-        path: the chain's path.
-        arm_angle: (A,) angles of the arms, counter-clockwise [rad]; 0 as drawn.
-        shaft_speed: (H,) angular velocities of the shafts, counter-clockwise [rad/s].
+        seat_index: (N,) int32, its seat, or -1; seat j is at sprocket angle + j 2 pi / teeth.
+        strand_first: (S,) roller on the last seat before strand k.
+        strand_links: (S,) links of strand k, from seat to seat.
+        strain: of the strands' links; below 0 a slack chain's shortfall of chord.
+        arm_angle: (A,) counter-clockwise [rad]; 0 as drawn.
+        shaft_speed: (H,) counter-clockwise [rad/s].
     """
 
     position: NDArray[np.float64]
@@ -113,7 +107,7 @@ class Assembly:
         return replace(found, strain=float(found.strain))
 
     def of(self, variants: int | NDArray[np.int64]) -> Assembly:
-        """Assembled states of some variants of a stack."""
+        """Assembled states of chosen variants of a stack."""
         return replace(self, **{field.name: getattr(self, field.name)[variants] for field in fields(self)})
 
 
@@ -121,7 +115,7 @@ class Assembly:
 def assemble(drive: Drive) -> Assembly:
     """Initial state of a drive of one chain, before settling.
 
-    Free sprockets without a speed of their own and the strands move at the driver's pitch-circle speed.
+    Free sprockets and strands move at the driver's pitch-circle speed unless given their own.
 
     Raises:
         DriveError: a path that cannot be drawn, or a number of links that does not fit it.
@@ -130,12 +124,12 @@ def assemble(drive: Drive) -> Assembly:
 
 
 def assemble_chain(model: ChainModel) -> Assembly:
-    """Initial state of one chain, before settling."""
+    """Initial state of one chain, before settling; raises as `assemble`."""
     return assemble_stack(model)[0]
 
 
 def assemble_stack(model: ChainModel) -> Assembly:
-    """Initial states of a stack of drives, as one `Assembly` with a first axis (V,).
+    """Initial states of a stack of drives, as one with a first axis (V,).
 
     Raises:
         DriveError: as `assemble`, of the first such variant.
@@ -149,7 +143,7 @@ def assemble_stack(model: ChainModel) -> Assembly:
         if sprocket.rim is not None:
             angle[:, s], first_seat[:, s] = rim_angle(sprocket), 0
     speed, shaft_speed = _starting_speeds(model, path, variants)
-    _check_keys(model, angle)
+    _check_keyed_sprockets(model, angle)
     position, velocity = np.empty((variants, count, 2)), np.empty((variants, count, 2))
     seat_sprocket = np.full((variants, count), -1, dtype=np.int32)
     seat_index = np.full((variants, count), -1, dtype=np.int32)
@@ -168,13 +162,13 @@ def assemble_stack(model: ChainModel) -> Assembly:
                 at.hang_end(s, int(last[like, k]), int(links[like, k]))
             rollers = slice(first[like, s], last[like, s] + 1)
             seat = sprocket.sign * np.arange(seats[like, s]) + first_seat[alike, s, None]
-            at.seat(s, rollers, angle[alike, s], speed[alike, s], seat % sprocket.teeth)
+            at.place_seated(s, rollers, angle[alike, s], speed[alike, s], seat % sprocket.teeth)
             seat_sprocket[alike, rollers], seat_index[alike, rollers] = s, seat % sprocket.teeth
         for k, own in enumerate(links[like].tolist()):
             begin, end = int(last[like, k]), int(first[like, (k + 1) % len(first[like])])
             strand = path.strings[k] and loop.string(seating, k)
             try:
-                at.strand((begin, end, own), strain[alike], pick_variants(strand, alike))
+                at.place_strand((begin, end, own), strain[alike], pick_variants(strand, alike))
             except UnlikeVariants as parted:
                 raise parted.at_places(alike, variants) from None
         position[alike], velocity[alike] = at.position, at.velocity
@@ -198,7 +192,7 @@ Alike = NDArray[np.int64] | slice
 
 
 def _seat_patterns(seats: NDArray[np.int64], links: NDArray[np.int64]) -> list[Alike]:
-    """Groups of variants with equal numbers of seated rollers and links; a slice of all alike."""
+    """Groups of variants with equal numbers of seated rollers and links."""
     table = np.concatenate([seats, links], axis=1)
     if (table == table[0]).all():
         return [slice(None)]
@@ -208,7 +202,7 @@ def _seat_patterns(seats: NDArray[np.int64], links: NDArray[np.int64]) -> list[A
 
 
 class _RollerPlacement:
-    """Placement of the rollers of K variants of one seat pattern.
+    """Placement of rollers in the initial state, of K variants of one seat pattern.
 
     Attributes:
         position, velocity: (K, N, 2) [m], [m/s].
@@ -221,15 +215,15 @@ class _RollerPlacement:
         self.lengths = lengths[None] if lengths.ndim == 1 else lengths[alike]  # (1, N) or (K, N)
         self.position, self.velocity = (np.empty((len(self.radius), count, 2)) for _ in range(2))
 
-    def _own(self, value: Any) -> Any:
-        """A number, or the (K, 1) column of an array (V,) for these variants."""
+    def _variant_column(self, value: Any) -> Any:
+        """Column (K, 1) of an array (V,) for these variants; a number stays."""
         return value[self.alike][:, None] if has_arrays(value) else value
 
-    def seat(self, s: int, rollers: slice, angle: Array, speed: Array, seat: NDArray[np.int64]) -> None:
-        """Places the rollers seated on sprocket s; seats are (K, rollers)."""
+    def place_seated(self, s: int, rollers: slice, angle: Array, speed: Array, seat: NDArray[np.int64]) -> None:
+        """Writes places and velocities of rollers seated on sprocket s, on seats (K, rollers)."""
         sprocket = self.model.sprockets[s]
         forth = np.where(np.arange(rollers.start, rollers.stop) % 2, 1.0, -1.0)
-        lean = self._own(sprocket.sign * self.model.riding_lean(s)) * forth
+        lean = self._variant_column(sprocket.sign * self.model.riding_lean(s)) * forth
         polar = angle[:, None] + seat * (2.0 * math.pi / sprocket.teeth) + lean
         radius = self.radius[:, s, None]
         center, velocity = self.path.center[self.alike, s], initial_velocity(sprocket, self.model.pivot_table(s))
@@ -237,33 +231,30 @@ class _RollerPlacement:
         self.position[:, rollers, 0] = center[:, 0, None] + across
         self.position[:, rollers, 1] = center[:, 1, None] + up
         if sprocket.rim is not None:
-            rim = self._own(sprocket.rim)
+            rim = self._variant_column(sprocket.rim)
             across, up = rim * np.cos(polar), rim * np.sin(polar)
-        self.velocity[:, rollers, 0] = self._own(velocity[..., 0]) + speed[:, None] * -up
-        self.velocity[:, rollers, 1] = self._own(velocity[..., 1]) + speed[:, None] * across
+        self.velocity[:, rollers, 0] = self._variant_column(velocity[..., 0]) + speed[:, None] * -up
+        self.velocity[:, rollers, 1] = self._variant_column(velocity[..., 1]) + speed[:, None] * across
 
     def hang_end(self, s: int, begin: int, links: int) -> None:
-        """Moves an end that can move to where its strand, straight, holds its weight and preload.
-
-        A strand of n links and the holes of the pins at its ends, as stiff as links, are stretched by T and half the
-        strand's own weight. A free end hangs below the roller that holds the strand, another stays on its line.
+        """Moves an open chain's end to where its strand holds its weight and preload.
 
         Args:
-            begin, links: of its strand.
+            begin, links: of the strand.
         """
         sprocket, chain, held = self.model.sprockets[s], self.model.chain, begin + links if s == 0 else begin
         natural = np.take(self.lengths, np.arange(begin, begin + links) % self.lengths.shape[1], axis=1).sum(axis=1)
-        gravity = np.concatenate([self._column(part) for part in self.model.run.gravity], axis=1)
+        gravity = np.concatenate([self._full_column(part) for part in self.model.run.gravity], axis=1)
         mount, from_held = sprocket.mount, self.path.center[self.alike, s] - self.position[:, held]
         off = from_held
-        pull = self._column(moving_mass(sprocket)) * gravity
+        pull = self._full_column(moving_mass(sprocket)) * gravity
         if isinstance(mount, SliderMount):
             way = np.concatenate(
-                [self._column(part) for part in np.moveaxis(unit_direction(mount.direction), -1, 0)], axis=1
+                [self._full_column(part) for part in np.moveaxis(unit_direction(mount.direction), -1, 0)], axis=1
             )
-            pull = pull + self._column(mount.preload) * way
+            pull = pull + self._full_column(mount.preload) * way
         else:
-            pull = pull + np.concatenate([self._column(part) for part in mount.preload], axis=1)  # type: ignore[union-attr]
+            pull = pull + np.concatenate([self._full_column(part) for part in mount.preload], axis=1)  # type: ignore[union-attr]
             way, off = pull / np.hypot(pull[:, :1], pull[:, 1:]), 0.0 * off
         slack = np.flatnonzero(~(np.einsum("ki,ki->k", pull, from_held) > 0.0))
         if len(slack):
@@ -274,8 +265,8 @@ class _RollerPlacement:
         ahead = np.einsum("ki,ki->k", off, way)
         chord = np.where(ahead == 0.0, 1.0, ahead / np.hypot(off[:, 0], off[:, 1])) if off.any() else np.ones(len(off))
         tension = np.einsum("ki,ki->k", pull, way) / chord
-        own = 0.5 * links * self._column(chain.mass)[:, 0] * np.einsum("ki,ki->k", gravity, way)
-        stiffness = self._column(chain.mean_stiffness)[:, 0]
+        own = 0.5 * links * self._full_column(chain.mass)[:, 0] * np.einsum("ki,ki->k", gravity, way)
+        stiffness = self._full_column(chain.mean_stiffness)[:, 0]
         holes = 1 + self.model.sprockets[1 if s == 0 else s - 1].is_end
         length = natural + ((links + holes) * tension + links * own) / stiffness
         _check_stretch(sprocket, length / natural - 1.0)
@@ -284,19 +275,21 @@ class _RollerPlacement:
         moved = side * np.sqrt(np.maximum(length**2 - across, 0.0))
         self.path.center[self.alike, s] = self.position[:, held] + off + (moved - ahead)[:, None] * way
 
-    def _column(self, value: Any) -> Array:
-        """A number, or an array (V,), as a column (K, 1) of these variants."""
-        return np.broadcast_to(np.asarray(self._own(value), dtype=np.float64), (len(self.position), 1))
+    def _full_column(self, value: Any) -> Array:
+        """Column (K, 1) of a number or array (V,) for these variants."""
+        return np.broadcast_to(np.asarray(self._variant_column(value), dtype=np.float64), (len(self.position), 1))
 
-    def strand(self, span: tuple[int, int, int], strain: Array, string: TautString | None) -> None:
-        """Places the rollers of a strand between two seated rollers."""
+    def place_strand(self, span: tuple[int, int, int], strain: Array, string: TautString | None) -> None:
+        """Writes places and velocities of a strand's rollers between its seated ends."""
         begin, end, links = span
         rollers = slice(begin + 1, begin + links)
         natural = np.take(self.lengths, np.arange(begin, begin + links) % self.lengths.shape[1], axis=1)
         position, velocity, gravity = self.position, self.velocity, self.model.run.gravity
         if string:
             around = _GuidedStrand(string, natural)
-            pull = np.concatenate([np.broadcast_to(self._own(part), (len(position), 1)) for part in gravity], axis=1)
+            pull = np.concatenate(
+                [np.broadcast_to(self._variant_column(part), (len(position), 1)) for part in gravity], axis=1
+            )
             position[:, rollers] = around.places(self.turning, pull)[:, 1:-1]
             velocity[:, rollers] = around.velocities(velocity[:, begin], velocity[:, end])
             return
@@ -305,7 +298,7 @@ class _RollerPlacement:
         slack = np.flatnonzero((strain < -_STRAIGHT) & (links > 1))
         bent: tuple[Array, Array] | None = None
         if len(slack):
-            gx, gy = (np.broadcast_to(self._own(part), (len(chord), 1))[slack] for part in gravity)
+            gx, gy = (np.broadcast_to(self._variant_column(part), (len(chord), 1))[slack] for part in gravity)
             own = np.broadcast_to(natural, (len(chord), links))[slack]
             bent = _sagging_places(chord[slack], own, self.turning[slack], np.concatenate([gx, gy], axis=1))
         for axis in range(2):
@@ -318,7 +311,7 @@ class _RollerPlacement:
 
 
 def assembled_strains(model: ChainModel) -> tuple[ChainPath, Array]:
-    """Chain paths of a stack and strains (V,) of the assembled chains, without placing rollers.
+    """Chain paths of a stack and its assembled chains' strains (V,).
 
     Raises:
         DriveError, UnlikeVariants: as `assemble_stack`.
@@ -328,7 +321,7 @@ def assembled_strains(model: ChainModel) -> tuple[ChainPath, Array]:
 
 
 def assembled_path(model: ChainModel) -> ChainPath:
-    """Path of an assembled chain: `chain_path`, but with arms in balance with the seated chain.
+    """Path of an assembled chain, arms in balance with the seated chain.
 
     Raises:
         DriveError: as `assemble`, where there are arms; else as `chain_path`.
@@ -337,7 +330,7 @@ def assembled_path(model: ChainModel) -> ChainPath:
 
 
 def _seated_stack(model: ChainModel) -> tuple[ChainPath, Seating, Loop]:
-    """Paths, seatings and sprocket loops of a stack, arms in balance with the seated chain."""
+    """Paths, seatings and sprocket loops of a stack, arms in balance."""
     if model.arms:
         return _seated_stack_with_arms(model)
     weights = [s for s, sprocket in enumerate(model.sprockets) if sprocket.is_end and is_on_springs(sprocket)]
@@ -350,11 +343,7 @@ def _seated_stack(model: ChainModel) -> tuple[ChainPath, Seating, Loop]:
 
 
 def _seated_stack_with_arms(model: ChainModel) -> tuple[ChainPath, Seating, Loop]:
-    """Paths, seatings and sprocket loops of a stack with arms in balance with the seated chain.
-
-    By secants for b = g(b): b the strain beyond the path's nominal one that balances arms, g(b) that of the chain then
-    seated.
-    """
+    """Paths, seatings and sprocket loops of a stack, arms in balance with the seated chains' strains."""
     balance, beyond = ArmBalance(model), 0.0
     path = balance.path()
     check_fit(model, path)
@@ -365,7 +354,7 @@ def _seated_stack_with_arms(model: ChainModel) -> tuple[ChainPath, Seating, Loop
         if kept is not None:
             found, before, seated = kept
             path = variants_of_either(found, before, path)
-            seating.set_variants(np.flatnonzero(found), seated.of(np.flatnonzero(found)))
+            seating.set_variants(np.flatnonzero(found), seated.pick_variants(np.flatnonzero(found)))
             loop.use_path(path)
         if is_true_everywhere(last):
             break
@@ -388,7 +377,7 @@ def _seated_stack_with_arms(model: ChainModel) -> tuple[ChainPath, Seating, Loop
 
 
 def _check_stretch(sprocket: Sprocket, strain: Any) -> None:
-    """Raises a DriveError where an end's weight and preload stretch the chain too far, of numbers or arrays (V,)."""
+    """Raises a DriveError where an open chain's end strains it too far."""
     most = float(np.max(strain))
     if not most <= MAX_STRAIN:
         raise DriveError(
@@ -398,7 +387,7 @@ def _check_stretch(sprocket: Sprocket, strain: Any) -> None:
 
 
 def _with_hanging_end(model: ChainModel, s: int) -> ChainModel:
-    """Model of an open chain whose only weight, on end s, is where it strains all strands by T / (k p)."""
+    """Model of an open chain, its hanging end s where its weight strains the strands."""
     for _ in range(_HANGS):
         path, sprocket, mount = chain_paths(model), model.sprockets[s], model.sprockets[s].mount
         k = 0 if s == 0 else s - 1
@@ -426,13 +415,10 @@ def _with_hanging_end(model: ChainModel, s: int) -> ChainModel:
 
 
 class _GuidedStrand:
-    """Rollers of a strand that touches guides, of K variants of a stack.
-
-    A taut strand's links are chords of its string; a slack one's excess length hangs in the longest straight part.
+    """Rollers of a strand on guides: on its string, a slack one sagging in the longest straight part.
 
     Args:
-        string: its numbers alike, or arrays (K,).
-        natural: (1, links) or (K, links) lengths of the links [m].
+        natural: (1, links) or (K, links) lengths of links [m].
     """
 
     def __init__(self, string: TautString, natural: Array) -> None:
@@ -442,11 +428,10 @@ class _GuidedStrand:
         self.at = self.curve.places(with_last_axis(self.scale) * self.links)
 
     def places(self, turning: Array, gravity: Array) -> Array:
-        """Places of a guided strand's rollers, both ends included, (K, links + 1, 2) [m].
+        """Places of a guided strand's rollers, ends included (K, links + 1, 2) [m].
 
         Args:
             turning: (K,) of the path [rad].
-            gravity: (K, 2) [m/s^2].
         """
         curve, points = self.curve, _rows_of_variants(self.curve.points(self.at), len(turning))
         if not shared_value(self.scale < 1.0 - _STRAIGHT):
@@ -467,7 +452,7 @@ class _GuidedStrand:
         return points
 
     def velocities(self, begin: Array, end: Array) -> Array:
-        """Velocities of a guided strand's inner rollers, (K, links - 1, 2), from those (K, 2) of its ends [m/s]."""
+        """Velocities of a guided strand's inner rollers (K, links - 1, 2), from its ends' [m/s]."""
         share = np.linspace(0.0, 1.0, len(self.at))[1:-1]
         ends = (np.hypot(ends[:, 0], ends[:, 1])[:, None] for ends in (begin, end))
         speed = (1.0 - share) * next(ends) + share * next(ends)
@@ -478,19 +463,19 @@ class _GuidedStrand:
 
 
 def _rows_of_variants(values: Array, count: int, axes: int = 2) -> Array:
-    """Rows (K, ...) for `count` variants of values with `axes` axes, or one axis more."""
+    """Rows (K, ...) of strand values for `count` variants."""
     return np.array(np.broadcast_to(values, (count, *values.shape[values.ndim - axes :])))
 
 
 def _sprocket_angles(model: ChainModel, first_angle: Array) -> tuple[Array, NDArray[np.int64]]:
-    """Sprocket angles (V, S) within half a pitch angle of zero [rad], and the seat of each first roller."""
+    """Sprocket angles within half a pitch angle of zero [rad], and first rollers' seats, each (V, S)."""
     pitch_angle = 2.0 * math.pi / np.array([sprocket.teeth for sprocket in model.sprockets])
     seat = np.ceil(first_angle / pitch_angle - 0.5 - _TIE).astype(np.int64)
     return first_angle - seat * pitch_angle, seat
 
 
-def _check_keys(model: ChainModel, angle: Array) -> None:
-    """Raises a DriveError for keyed sprockets whose chain seats at another angle."""
+def _check_keyed_sprockets(model: ChainModel, angle: Array) -> None:
+    """Raises a DriveError for keyed sprockets on which the chain seats at other angles."""
     for s, sprocket in enumerate(model.sprockets):
         if sprocket.key is not None:
             pitch = 360.0 / sprocket.teeth
@@ -505,10 +490,7 @@ def _check_keys(model: ChainModel, angle: Array) -> None:
 
 
 def _starting_speeds(model: ChainModel, path: ChainPath, variants: int) -> tuple[Array, Array]:
-    """Initial angular velocities (V, S) of sprockets and (V, H) of shafts [rad/s].
-
-    Given ones hold for their trains, then the driver's on the chain, then those of couplings.
-    """
+    """Initial angular velocities (V, S) of sprockets and (V, H) of shafts [rad/s]."""
     count = len(model.sprockets)
     known: dict[int, Any] = {}
     parts: list[Sprocket | Shaft] = [*model.sprockets, *model.shafts]
@@ -538,7 +520,7 @@ def _starting_speeds(model: ChainModel, path: ChainPath, variants: int) -> tuple
 
 
 def _spread_speeds(known: dict[int, Any], tied: Sequence[BodyTie]) -> None:
-    """Adds speeds of bodies tied to those in `known` to `known`."""
+    """Adds to `known` the initial speeds of bodies tied to those in it."""
     for tie in tied:
         if tie.a in known and tie.b not in known:
             known[tie.b] = float(tie.ratio) * known[tie.a]
@@ -547,7 +529,7 @@ def _spread_speeds(known: dict[int, Any], tied: Sequence[BodyTie]) -> None:
 
 
 def _prescribed_speed(model: ChainModel, turned: Sprocket | Shaft) -> Any:
-    """Prescribed forward speed of a body at t = 0 [rad/s]: zero if ramped up, else with its harmonics."""
+    """Prescribed forward speed of a body at t = 0 [rad/s]; 0 if ramped up."""
     motion = turned.prescribed
     if motion is None or is_true_somewhere(motion.ramp_time > 0.0):
         return 0.0
@@ -558,12 +540,11 @@ def _prescribed_speed(model: ChainModel, turned: Sprocket | Shaft) -> Any:
 
 
 def _sagging_places(chord: Array, natural: Array, turning: Array, gravity: Array) -> tuple[Array, Array]:
-    """Places x, y (V, links - 1) of a sagging strand's inner rollers from its first end [m], eq. (b).
+    """Places along and off the chord (V, links - 1) of a sagging strand's inner rollers [m], (b).
 
     Args:
-        chord, natural: (V, 2) from end to end, (V, links) lengths of the links [m].
+        natural: (V, links) lengths of links [m].
         turning: (V,) of the path [rad].
-        gravity: (V, 2) [m/s^2].
     """
     length = hypot(chord[:, 0], chord[:, 1])
     along = chord / length[:, None]
@@ -589,10 +570,7 @@ def _sagging_places(chord: Array, natural: Array, turning: Array, gravity: Array
 
 
 def _half_angles(chord: Array, natural: Array) -> Array:
-    """Half angles y_i of a sagging strand's links at its arc's center (V, links) [rad], from (a).
-
-    By Newton's method for c^2, c = 1 / (2 rho): sin(sum asin(c l_i)) / c is nearly straight.
-    """
+    """Half angles y_i (V, links) of a sagging strand's links at its arc's center [rad], (a)."""
     total = natural.sum(axis=1)
     square = 6.0 * (total - chord) / (power(total, 3) - (natural**3).sum(axis=1))
     todo = np.flatnonzero(square > 0.0)

@@ -1,4 +1,4 @@
-"""Bounds of a run from its initial state: how far rollers can go, and the scale of tensions."""
+"""Bounds of a run from its initial state: how far rollers can go, and tensions."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from warpchain.model import ChainModel
 from warpchain.model.trains import body_speed_ratio, free_body_loads
 
 ESCAPE_PITCHES = 10.0
-"""Pitches outside the drive's box beyond which a roller has left it (the variant diverged), or `escape` if more."""
+"""Least distance of an escaped roller outside the drive's box, in pitches."""
 
 SHARE = 0.1
 """Bin width of tension counts over the working tension."""
@@ -26,29 +26,25 @@ LEAST = 1e-6
 
 
 def escape_distance(model: ChainModel, assembly: Assembly) -> NDArray[np.float64]:
-    """Farthest that a roller can go from its place with the chain on its sprockets [m]; of a stack (V,).
-
-    A strand of chord C with links longer by s in all lies within the ellipse about its ends of axis C + s: at most
-    sqrt(s (2 C + s)) / 2 off its chord. s is the slack of all strands and the stretch of their links at `MAX_STRAIN`.
-    An open chain can go as far as it is long.
-    """
+    """Farthest that a roller on its drive goes from its place, () or (V,) [m]."""
     if model.chain.is_open:
         return np.broadcast_to(2.0 * model.chain.links * model.chain.pitch, np.shape(assembly.strain))
     chord = assembly.path.strand_end - assembly.path.strand_start
     chords = np.hypot(chord[..., 0], chord[..., 1])
+    # a strand of chord C, longer by s, lies within the ellipse about its ends of axis C + s (docs/solving.md)
     spare = chords.sum(axis=-1) * ((1.0 + MAX_STRAIN) / (1.0 + np.minimum(assembly.strain, 0.0)) - 1.0)
     off = 0.5 * np.sqrt(spare * (2.0 * chords.max(axis=-1) + spare))
     return np.maximum(ESCAPE_PITCHES * model.chain.pitch, off)
 
 
 def _largest_load_moment(load: Load, speed: float) -> float:
-    """Largest moment of a load up to an angular speed, harmonics aside [N m]."""
+    """Largest moment of a load up to a speed, harmonics aside [N m]."""
     table = 0.0 if load.table is None else load.table.factor * float(np.abs(load.table.torque).max())
     return abs(load.torque) + abs(table) + load.viscous * speed + load.quadratic * speed * speed
 
 
 def _tension_with_loads(model: ChainModel, tension: Any, speed: Any) -> Any:
-    """Chain tension with the pulls of loads and mounts' preloads at a chain speed [N]."""
+    """Chain tension with the pulls of loads and mounts' preloads [N]."""
     for s, sprocket in enumerate(model.sprockets):
         radius = model.pitch_radius(s)
         if sprocket.load is not None:
@@ -64,7 +60,7 @@ def _tension_with_loads(model: ChainModel, tension: Any, speed: Any) -> Any:
 
 
 def tension_scale(model: ChainModel, assembly: Assembly) -> NDArray[np.float64]:
-    """Scale of a chain's tensions, a tenth of the pulls of loads, preloads and speed [N]; of a stack (V,)."""
+    """Scale of a chain's tensions, a tenth of the pulls of loads, preloads and speed, () or (V,) [N]."""
     chain, speed = model.chain, model.chain_speed
     assembled = np.maximum(0.0, chain.stiffness * assembly.path.pitch * assembly.strain)
     tension = assembled + chain.mass / chain.pitch * power(speed, 2)

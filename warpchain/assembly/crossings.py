@@ -1,4 +1,4 @@
-"""Assembly of all chains of a drive, and the check that chains of one plane do not cross."""
+"""Assembly of all chains of a drive, and the check for crossings."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from warpchain.model import ChainModel, Model
 
 
 def assemble_chains(model: Model) -> list[Assembly]:
-    """Initial state of each chain of a drive.
+    """Initial states of a drive's chains, checked for crossings.
 
     Raises:
         DriveError: a chain that does not fit, or chains of one plane that cross.
@@ -32,7 +32,7 @@ def assemble_chains(model: Model) -> list[Assembly]:
 
 
 def check_planes(model: Model, paths: Sequence[ChainPath]) -> None:
-    """Raises a DriveError where two chains of one plane cross; chains on one shaft have planes of their own."""
+    """Raises a DriveError where two chains of one plane, on no common shaft, cross."""
     drive, chains = model.drive, model.chains
     shafts = [{shaft_of_sprocket(drive.sprockets[s]) for s in chain.places["sprockets"]} for chain in chains]
     for i, k in combinations(range(len(chains)), 2):
@@ -49,7 +49,7 @@ def check_planes(model: Model, paths: Sequence[ChainPath]) -> None:
 
 
 def chain_outline(chain: ChainModel, path: ChainPath) -> NDArray[np.float64]:
-    """Corners of a chain's loop (K, 2) [m]: ends of strands, and points of the arcs 5 degrees apart."""
+    """Corners (K, 2) of a chain's loop, with arcs every 5 degrees [m]."""
     points, count = [], len(chain.sprockets)
     for s, sprocket in enumerate(chain.sprockets):
         center, sign = np.array(sprocket.center), sprocket.sign
@@ -63,7 +63,7 @@ def chain_outline(chain: ChainModel, path: ChainPath) -> NDArray[np.float64]:
 
 
 def _common_point(one: NDArray[np.float64], other: NDArray[np.float64]) -> NDArray[np.float64] | None:
-    """A common point of two loops of corners (K, 2) [m]; None where they have none."""
+    """Point where two chains' loops of corners (K, 2) cross [m], or None."""
     a, b = one[:, None], np.roll(one, -1, axis=0)[:, None] - one[:, None]
     c, d = other[None], np.roll(other, -1, axis=0)[None] - other[None]
     turn = b[..., 0] * d[..., 1] - b[..., 1] * d[..., 0]

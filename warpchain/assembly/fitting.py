@@ -1,14 +1,9 @@
 """Set-up help: a sprocket's place, or a link count, for a wanted strain, preload, sag, wrap or arm angle.
 
-A strand of n links that sags by h at its middle between end rollers C' apart carries T = mu g C'^2 / (8 h) there
-(mu = m / p, g the part of gravity across it), and has the length of the parabola: n p (1 + T / (k p)) =
-C' (1 + 8 h^2 / (3 C'^2)). Between seats C apart the end rollers give way by the clearance c in each, C' = C - 2 c. To
-first order the assembly's strain C / (n p) - 1 is
+A strand of chord C that sags by h carries mu g C^2 / (8 h), mu = m / p, g the gravity across it. With the parabola's
+length, and end rollers that give way by the clearance c, its strain at assembly is to first order
 
-    strain = mu g C^2 / (8 h k p) - 8 h^2 / (3 C^2) + 2 c / C,                                      (a)
-
-which falls as h grows. Settled strands give way by 0.8 to 1.1 c. A preload T0 at assembly is a strain T0 / (k p). Each
-chain is fitted by itself; a sprocket takes along those on its shaft.
+    strain = mu g C^2 / (8 h k p) - 8 h^2 / (3 C^2) + 2 c / C.                                      (a)
 """
 
 from __future__ import annotations
@@ -59,12 +54,12 @@ def fit_position(
     Args:
         drive: its chain need not fit as it stands.
         sprocket: name of the sprocket to move.
-        direction: (2,) of the line through its center, of any length.
+        direction: (2,) of the line, of any length.
         strain: of the strands at assembly [-], within 0.05.
-        preload: tension of all strands at assembly [N], >= 0.
-        sag: of one strand at rest, from its chord to its middle [m], > 0; eq. (a).
-        strand: whose sag, "FROM->TO"; None is the longest of the sprocket's chain that lies on no guide.
-        travel: farthest that the sprocket moves either way [m]; None is wherever the chain could go round.
+        preload: tension of the strands at assembly [N], >= 0.
+        sag: of one strand at rest at its middle [m], > 0; eq. (a).
+        strand: whose sag, "FROM->TO"; None is the sprocket's chain's longest that lies on no guide.
+        travel: farthest move either way [m]; None is wherever the chain could go round.
 
     Returns:
         The drive with the sprocket's center moved; rounded to 1e-10 m.
@@ -86,10 +81,10 @@ def fit_positions(
     strains: Sequence[float],
     travels: Sequence[float | None],
 ) -> list[Drive | DriveError]:
-    """Moves one sprocket of each drive to a strain, as `fit_position`; a refused drive gives its DriveError.
+    """Moves one sprocket of each drive to a strain, as `fit_position`; gives a refused drive's DriveError.
 
     Raises:
-        DriveError: as `fit_position`, of the sprocket's name, the direction and the strains.
+        DriveError: a wrong name, direction or strain.
     """
     line, chains = _unit_line(direction), [fitted_chain(drive, sprocket=sprocket) for drive in drives]
     return _drives_at_places(
@@ -116,7 +111,7 @@ def fit_angle(
         angle: of one arm at assembly, by its name [degrees].
 
     Returns:
-        The drive with the sprocket's center moved; rounded to 1e-10 m.
+        The drive moved, as `fit_position`.
 
     Raises:
         DriveError: as `fit_position`; an angle beyond the arm's stops.
@@ -139,11 +134,11 @@ def fit_wrap(
 
     Args:
         drive, sprocket, direction, travel: as of `fit_position`.
-        wrap: angle over which the chain lies on a sprocket, on pitch circles [degrees].
-        around: name of that sprocket, of the same chain; None is the one that moves.
+        wrap: on pitch circles [degrees].
+        around: name of the wrapped sprocket, of the same chain; None is the one that moves.
 
     Returns:
-        The drive with the sprocket's center moved; rounded to 1e-10 m.
+        The drive moved, as `fit_position`.
 
     Raises:
         DriveError: as `fit_position`; a wrap that is not above 0 and below 360.
@@ -155,7 +150,7 @@ def fit_wrap(
 
 
 def fitted_chain(drive: Drive, chain: str | None = None, sprocket: str | None = None) -> ChainModel:
-    """Chain to fit: that of a chain's or a sprocket's name, or the only one.
+    """Chain to fit, by its or a sprocket's name, or the only one.
 
     Raises:
         DriveError: an unknown name, or none where there are several chains.
@@ -180,7 +175,7 @@ def links_place(drive: Drive, model: ChainModel) -> tuple[str | int, ...]:
 
 
 def _drives_at_places(drives: Sequence[Drive], searches: Sequence[PlaceSearch]) -> list[Drive | DriveError]:
-    """Drives with sprockets at the places found, rounded, or the errors of those without one."""
+    """Drives with sprockets at the places found, or DriveErrors of searches in vain."""
     found: list[Drive | DriveError] = []
     for drive, search, place in zip(drives, searches, run_searches(searches), strict=True):
         if place is None:
@@ -198,7 +193,7 @@ def _drives_at_places(drives: Sequence[Drive], searches: Sequence[PlaceSearch]) 
 
 
 def _only_result(found: Sequence[Drive | DriveError]) -> Drive:
-    """Drive of a single search; raises its error."""
+    """Drive of a single place search; raises its error."""
     (drive,) = found
     if isinstance(drive, DriveError):
         raise drive
@@ -216,12 +211,12 @@ def fit_links(
     Args:
         drive: its chain need not fit as it stands.
         odd: whether an odd number will do, which needs an offset link.
-        angle: wanted angles of arms by name [degrees]; None wants none.
-        chain: name of the chain, where there are several.
+        angle: wanted angles of arms by name [degrees].
+        chain: its name, where there are several.
 
     Raises:
-        DriveError: no such number gives a strain within 0.05, or none assembles; an arm with a wanted angle stands on a
-            stop or presses on nothing with all of them; an unknown arm or chain.
+        DriveError: no such number gives a strain within 0.05, or assembles; a wanted arm on a stop or pressing on
+            nothing; an unknown arm or chain.
     """
     model = fitted_chain(drive, chain)
     place = f"chains.{model.name}.links" if model.name else "chain.links"
@@ -229,7 +224,7 @@ def fit_links(
 
 
 def _best_links(model: ChainModel, odd: bool, angle: Mapping[str, float] | None, place: str) -> int:
-    """Best number of links for a chain, by `fit_links`' rules."""
+    """Best number of links to fit a chain; rules and errors of `fit_links`."""
     wanted = _wanted_angles(model, angle or {})
     asked = [a for a, arm in enumerate(model.arms) if arm.name in (angle or {})]
     path, found = path_at(model, wanted), []
@@ -241,7 +236,7 @@ def _best_links(model: ChainModel, odd: bool, angle: Mapping[str, float] | None,
         except DriveError:
             continue
         off = [abs(assembly.arm_angle[a] - wanted[a]) for a in asked]
-        idle = any(_is_idle(model, assembly, a, wanted[a]) for a in asked or range(len(model.arms)))
+        idle = any(_is_idle_arm(model, assembly, a, wanted[a]) for a in asked or range(len(model.arms)))
         spoiled = idle or (not asked and abs(assembly.strain) > ELONGATION_AT_BREAKING_LOAD)
         found.append((spoiled, float(sum(off)) if off else abs(assembly.strain), links, assembly))
         if not wanted:
@@ -261,8 +256,8 @@ def _best_links(model: ChainModel, odd: bool, angle: Mapping[str, float] | None,
     )
 
 
-def _is_idle(model: ChainModel, assembly: Assembly, a: int, wanted: float) -> bool:
-    """Whether an arm stands on a stop or at its free angle other than the wanted one [rad]."""
+def _is_idle_arm(model: ChainModel, assembly: Assembly, a: int, wanted: float) -> bool:
+    """Whether an arm stands on a stop or at its free angle, but not as wanted."""
     angle = float(assembly.arm_angle[a])
     idle = stop_name(model, a, angle) is not None or is_unloaded_arm(model, a, angle)
     return idle and abs(angle - wanted) > _THERE
@@ -271,7 +266,7 @@ def _is_idle(model: ChainModel, assembly: Assembly, a: int, wanted: float) -> bo
 def _missed_angles_text(
     model: ChainModel, wanted: Mapping[str, float], links: int, assembly: Assembly, place: str
 ) -> str:
-    """Error message that no number of links has the arms at the wanted angles [degrees]."""
+    """Error message that no number of links has the arms at wanted angles."""
     states = []
     for a in map(model.arm_index, wanted):
         assert a is not None  # as `_wanted_angles` has checked
@@ -287,7 +282,7 @@ def _missed_angles_text(
 
 
 def paths_as_drawn(models: Sequence[ChainModel]) -> list[ChainPath | DriveError]:
-    """Paths of chains with arms as drawn, or on the nearest stop; an error where one cannot be drawn."""
+    """Paths of chains with arms as drawn or on the nearest stop, or their DriveErrors."""
     found: list[ChainPath | None] = [None] * len(models)
     for stack in stacks_of_drives(models):
         members = stack.members.tolist()
@@ -295,16 +290,16 @@ def paths_as_drawn(models: Sequence[ChainModel]) -> list[ChainPath | DriveError]
             alike = len(path.radius) == 1  # of drives that do not differ there is one path
             for row, v in enumerate(places.tolist()):
                 found[members[v]] = path[0 if alike else row]
-    return [_path_or_refusal(model) if path is None else path for model, path in zip(models, found, strict=True)]
+    return [_path_or_error(model) if path is None else path for model, path in zip(models, found, strict=True)]
 
 
 def _stack_paths_as_drawn(model: ChainModel) -> ChainPath:
-    """Chain paths of a stack with arms as drawn."""
+    """Paths of a stack's chains with arms as drawn."""
     return PathPlan(model).path(_wanted_angles(model, {}))
 
 
-def _path_or_refusal(model: ChainModel) -> ChainPath | DriveError:
-    """Chain path of a drive, or the error where it cannot be drawn."""
+def _path_or_error(model: ChainModel) -> ChainPath | DriveError:
+    """Path of a chain with arms as drawn, or its DriveError."""
     try:
         return _stack_paths_as_drawn(model)[0]
     except DriveError as error:
@@ -312,14 +307,13 @@ def _path_or_refusal(model: ChainModel) -> ChainPath | DriveError:
 
 
 def nearest_links(path: ChainPath, strain: float, odd: bool = False) -> list[int]:
-    """Numbers of links ordered by how near their nominal strain is to a wanted one.
+    """Numbers of links, the nearest to a wanted nominal strain first.
 
-    The two that enclose it, and all within `MAX_STRAIN`; none where no chain goes round.
+    Those within `MAX_STRAIN`, and the two next to it; none where no chain goes round.
 
     Args:
-        path: the chain's path.
-        strain: the wanted one [-].
-        odd: whether odd numbers will do, with an offset link.
+        strain: wanted [-].
+        odd: whether odd numbers will do.
     """
     step = 1 if odd else 2
     exact = path.wrapped_pitches + float(path.strand_length.sum()) / path.pitch / (1.0 + strain)
@@ -330,7 +324,7 @@ def nearest_links(path: ChainPath, strain: float, odd: bool = False) -> list[int
 
 
 def strand_sag(model: ChainModel, assembly: Assembly, strand: int) -> float:
-    """Sag of a strand at rest from its chord to its middle [m], h of (a); 0 where gravity does not act across."""
+    """Sag of a strand at rest at its middle [m], (a); 0 where gravity does not act across."""
     first = int(assembly.strand_first[strand])
     last = (first + int(assembly.strand_links[strand])) % len(assembly.position)
     x, y = (assembly.position[last] - assembly.position[first]).tolist()
@@ -341,7 +335,7 @@ def strand_sag(model: ChainModel, assembly: Assembly, strand: int) -> float:
 
 
 def _sprocket_index(of: Drive | ChainModel, name: str) -> int:
-    """Index of a named sprocket; a DriveError lists the names if there is none."""
+    """Index of a sprocket to fit by name; raises a DriveError without one."""
     names = [sprocket.name for sprocket in of.sprockets]
     if name not in names:
         raise DriveError(f'sprocket "{name}": no such name; allowed are {", ".join(names)}')
@@ -349,7 +343,7 @@ def _sprocket_index(of: Drive | ChainModel, name: str) -> int:
 
 
 def _unit_line(direction: Sequence[float]) -> tuple[float, float]:
-    """Unit vector of a line's direction; a DriveError for a zero one."""
+    """Unit vector of a fit's line; raises a DriveError for a zero one."""
     line = np.asarray(direction, dtype=float)
     if line.shape != (2,) or not np.isfinite(line).all() or not line.any():
         raise DriveError(f"direction {direction}: must be two finite numbers, not both 0")
@@ -358,7 +352,7 @@ def _unit_line(direction: Sequence[float]) -> tuple[float, float]:
 
 
 def _wanted_angles(model: ChainModel, wanted: Mapping[str, float]) -> list[float]:
-    """Angles of all arms [rad]: those wanted [degrees], else as drawn or on the nearest stop."""
+    """Angles of all arms [rad]: wanted by name [degrees], else drawn or on the nearest stop."""
     for name, angle in wanted.items():
         a = model.arm_index(name)
         if a is None:
@@ -374,7 +368,7 @@ def _wanted_angles(model: ChainModel, wanted: Mapping[str, float]) -> list[float
 def _strain_goal(
     model: ChainModel, strain: float | None, preload: float | None, sag: float | None, strand: str | None
 ) -> PlacementGoal:
-    """Goal of a place search for a strain, a preload or a sag."""
+    """Goal of a place search for a strain, preload or sag; DriveError for wrong values."""
     given = [name for name, x in (("strain", strain), ("preload", preload), ("sag", sag)) if x is not None]
     if len(given) != 1:
         raise DriveError(f"one of strain, preload and sag must be given, not {' and '.join(given) or 'none'}")
@@ -422,7 +416,7 @@ def _strain_goal(
 
 
 def _angle_goal(model: ChainModel, angle: Mapping[str, float]) -> PlacementGoal:
-    """Goal of a place search for an arm's angle."""
+    """Goal of a place search for an arm's angle by name [degrees]."""
     if len(angle) != 1:
         raise DriveError("angle: one arm at a time")
     ((name, degrees),) = angle.items()
@@ -439,7 +433,7 @@ def _angle_goal(model: ChainModel, angle: Mapping[str, float]) -> PlacementGoal:
 
 
 def _wrap_goal(model: ChainModel, degrees: float, s: int) -> PlacementGoal:
-    """Goal of an angle of wrap around a sprocket; raises a DriveError for one outside 0 to 360 degrees."""
+    """Goal of a place search for a wrap of sprocket s [degrees]; DriveError beyond 0 to 360."""
     if not 0.0 < degrees < 360.0:
         raise DriveError(f"wrap = {degrees:g}: must be above 0 and below 360 degrees")
     return PlacementGoal(
@@ -459,7 +453,7 @@ def _gravity_across(model: ChainModel, chord: tuple[float, float]) -> float:
 
 
 def _sag_coefficients(model: ChainModel, chord: tuple[float, float]) -> tuple[float, float, float]:
-    """Coefficients A, B, D of a strand's strain A / h - B h^2 + D by its sag h, eq. (a)."""
+    """Coefficients A, B, D of a strand's strain over sag, A / h - B h^2 + D, (a)."""
     square = chord[0] * chord[0] + chord[1] * chord[1]
     weight = model.chain.mass / model.chain.pitch * _gravity_across(model, chord)
     given_way = 2.0 * (model.contact.sprocket.clearance or 0.0) / math.sqrt(square)
@@ -467,13 +461,13 @@ def _sag_coefficients(model: ChainModel, chord: tuple[float, float]) -> tuple[fl
 
 
 def _strain_at_sag(model: ChainModel, chord: tuple[float, float], sag: float) -> float:
-    """Strain of a strand at a sag [m], eq. (a)."""
+    """Strain of a strand at a sag [m], (a)."""
     elastic, geometric, given_way = _sag_coefficients(model, chord)
     return elastic / sag - geometric * sag * sag + given_way
 
 
 def _sag_at_strain(model: ChainModel, chord: tuple[float, float], strain: float) -> float:
-    """Sag of a strand at a strain [m], eq. (a): the positive root of B h^3 + (strain - D) h - A."""
+    """Sag of a strand at a strain [m], (a)."""
     elastic, geometric, given_way = _sag_coefficients(model, chord)
     if elastic == 0.0:
         return 0.0

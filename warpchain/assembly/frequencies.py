@@ -19,7 +19,7 @@ from warpchain.model.trains import body_speed_ratio
 
 
 def strand_frequency(model: ChainModel, links: int, tension: float) -> float:
-    """First transverse frequency of a strand of `links` links at rest, ends fixed [Hz]; 0 without tension."""
+    """First transverse frequency of a strand of links at rest [Hz]; 0 without tension."""
     if tension <= 0.0 or links < 2:
         return 0.0
     rate = math.sqrt(tension / (model.chain.mass * model.chain.pitch))
@@ -30,9 +30,8 @@ def moving_frequency(model: ChainModel, length: float, tension: float, speed: fl
     """Transverse frequency of a traveling strand, ends fixed [Hz]; 0 where waves do not outrun the chain.
 
     Args:
-        model: of the chain.
         length: of the strand [m].
-        tension: centrifugal part included [N].
+        tension: with its centrifugal part [N].
         speed: of the chain [m/s].
         mode: from 1.
     """
@@ -56,7 +55,7 @@ class Order:
 
 
 def tooth_orders(drive: Drive) -> dict[str, float]:
-    """Orders of the driver's revolution with which teeth pass, by the chain's name, "" for one alone."""
+    """Orders of the driver's revolution at which teeth pass, by chain name."""
     model = Model(drive)
     return {
         chain.name: ratio * chain.sprockets[chain.driver].teeth
@@ -65,23 +64,23 @@ def tooth_orders(drive: Drive) -> dict[str, float]:
 
 
 def excitation_orders(of: Drive | ChainModel) -> tuple[Order, ...]:
-    """Excitation orders of a drive, ascending, with their causes; equal orders are one.
+    """Orders of the driver's revolution that excite a drive, ascending, with causes.
 
-    Tooth passing, its double and its half (unlike outer links); revolutions of bodies and chain; gears; harmonics and
-    tables of motions and loads; valves; balance wheels.
+    Passing teeth, twice that, and half with unlike outer links; revolving bodies and chain; gears; harmonics and
+    tables; valves; balance wheels.
     """
     return _merged_orders([*_orders_of_chains(of, _passing_orders), *_orders_of_chains(of, _driven_orders)])
 
 
 def excited_orders(of: Drive | ChainModel) -> tuple[Order, ...]:
-    """Orders that prescribed motions, loads and valves excite alone, ascending."""
+    """Orders that prescribed motions, loads, motors and valves excite, ascending."""
     return _merged_orders(_orders_of_chains(of, _driven_orders))
 
 
 def _orders_of_chains(
     of: Drive | ChainModel, part: Callable[[ChainModel, str], list[tuple[float, str]]]
 ) -> list[tuple[float, str]]:
-    """Orders of the driver's revolution, from those of each chain's own driver by `part`."""
+    """Orders of the drive's driver, from those that `part` gives of each chain's driver."""
     ratios = [1.0] if isinstance(of, ChainModel) else Model(of).driver_ratios
     return [
         (ratio * order, cause)
@@ -91,7 +90,7 @@ def _orders_of_chains(
 
 
 def _passing_orders(model: ChainModel, named: str) -> list[tuple[float, str]]:
-    """Orders of passing teeth, and of revolving bodies and chains."""
+    """Orders, with causes, of passing teeth, revolving bodies and chain."""
     driver = model.sprockets[model.driver]
     found = [(float(driver.teeth), f"tooth passing{named}"), (2.0 * driver.teeth, f"twice tooth passing{named}")]
     lengths = np.asarray(model.chain.link_lengths)
@@ -112,7 +111,7 @@ def _passing_orders(model: ChainModel, named: str) -> list[tuple[float, str]]:
 
 
 def _driven_orders(model: ChainModel, _: str) -> list[tuple[float, str]]:
-    """Orders of harmonics, periodic tables and valves."""
+    """Orders, with causes, of harmonics, periodic tables and valves."""
     found = []
     parts: list[Sprocket | Shaft] = [*model.sprockets, *model.shafts]
     for s, turned in enumerate(parts):
@@ -135,7 +134,7 @@ def _driven_orders(model: ChainModel, _: str) -> list[tuple[float, str]]:
 
 
 def _merged_orders(found: list[tuple[float, str]]) -> tuple[Order, ...]:
-    """Orders with those of equal value merged."""
+    """Orders of excitation ascending, equal ones merged."""
     result: list[Order] = []
     for value, cause in sorted(found, key=lambda pair: pair[0]):
         if result and value - result[-1].value <= SAME * value:

@@ -1,11 +1,9 @@
 """Set-up help: the place of a guide that presses a strand in by a wanted depth.
 
 With n across the common tangent of two pitch circles from a, from the guide to the chain, p the points of the guide's
-face and h the height of rollers' centers over it, the guide presses the strand in by
+face and h the height of rollers' centers over it, the depth, negative where it stays away, is
 
     d = max (p - a) n + h.                                                                                (a)
-
-d < 0 is how far it stays away. Moved by (d' - d) n it has d'.
 """
 
 from __future__ import annotations
@@ -39,8 +37,8 @@ def fit_indentation(drive: Drive, guide: str, indentation: float) -> Drive:
     Links need not fit then (`fit_links`). A guide on an arm moves in the arm's drawing.
 
     Args:
-        drive: its chain need not fit as it stands; arms as drawn.
-        guide: name of the guide, which is no measured profile.
+        drive: arms as drawn; its chain need not fit.
+        guide: its name; no measured profile.
         indentation: depth [m], within half the strand's length; negative is how far it stays away.
 
     Returns:
@@ -55,15 +53,15 @@ def fit_indentation(drive: Drive, guide: str, indentation: float) -> Drive:
     if drive.guides[names.index(guide)].profile is not None:
         raise DriveError(f"guides.{guide}.profile: is measured; only start and end, points or arcs can be moved")
     own = next(model for model in Model(drive).chains if guide in [one.name for one in model.guides])
-    depth, normal, length = _indentation(own, [one.name for one in own.guides].index(guide))
+    depth, normal, length = _guide_indentation(own, [one.name for one in own.guides].index(guide))
     if not abs(indentation) <= 0.5 * length:
         raise DriveError(f"indentation = {indentation:g}: must be within {0.5 * length:.4g} m, half of the strand")
     way = (indentation - depth) * normal / expansion_factor(drive, "block")
-    return drive.with_values(_moved_values(drive, names.index(guide), way))
+    return drive.with_values(_moved_guide_values(drive, names.index(guide), way))
 
 
-def _indentation(model: ChainModel, g: int) -> tuple[float, NDArray[np.float64], float]:
-    """Indentation d of (a) by guide g [m], normal n, and the length of its strand [m]."""
+def _guide_indentation(model: ChainModel, g: int) -> tuple[float, NDArray[np.float64], float]:
+    """Indentation d (a) by guide g [m], normal n, and the strand's length [m]."""
     (path,) = paths_as_drawn([replace(model, guides=())])
     if isinstance(path, DriveError):
         raise path
@@ -80,20 +78,20 @@ def _indentation(model: ChainModel, g: int) -> tuple[float, NDArray[np.float64],
     return float(((points - begin[k]) @ normal).max()) + model.guide_offset(g), normal, length
 
 
-def _moved_values(drive: Drive, g: int, way: NDArray[np.float64]) -> dict[str, object]:
-    """Keys of guide g that say where it stands, moved by `way` [m]."""
+def _moved_guide_values(drive: Drive, g: int, way: NDArray[np.float64]) -> dict[str, object]:
+    """Keys and values of guide g's place, moved by `way` (2,) [m]."""
     guide, values = drive.as_read.guides[g], dict[str, object]()
 
-    def moved(point: tuple[float, float]) -> list[float]:
+    def moved_point(point: tuple[float, float]) -> list[float]:
         """A guide's point, moved and rounded [m]."""
         return [round(float(part + step), _DIGITS) for part, step in zip(point, way, strict=True)]
 
     for key in ("start", "end"):
         if (point := getattr(guide, key)) is not None:
-            values[f"guides.{g}.{key}"] = moved(point)
+            values[f"guides.{g}.{key}"] = moved_point(point)
     for key in ("points", "bolts"):
         if getattr(guide, key):
-            values[f"guides.{g}.{key}"] = [moved(point) for point in getattr(guide, key)]
+            values[f"guides.{g}.{key}"] = [moved_point(point) for point in getattr(guide, key)]
     for i, arc in enumerate(guide.arcs or ()):
-        values[f"guides.{g}.arcs.{i}.center"] = moved(arc.center)
+        values[f"guides.{g}.arcs.{i}.center"] = moved_point(arc.center)
     return values

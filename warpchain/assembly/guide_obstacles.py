@@ -28,9 +28,9 @@ if TYPE_CHECKING:
     from warpchain.model import ChainModel
 
 OWN = 0.25
-"""Farthest that a guide's own strand may be behind its face, over the strand's length."""
+"""Farthest that a guide's strand may be behind its face, over the strand's length."""
 BEHIND = 1.5
-"""Factor on the distance of strands behind a guide when its nearest one is sought."""
+"""Factor on the distance of strands behind a guide."""
 
 _ALONG = 0.3  # cosine between a face's chord and a strand that may be its own
 _PLACES = 9  # along a face
@@ -44,15 +44,15 @@ def turned_profile(profile: Profile, pivot: Point, angle: float) -> Profile:
     if angle == 0.0:
         return profile
 
-    def moved(piece: Piece) -> Piece:
+    def moved_piece(piece: Piece) -> Piece:
         """The piece turned about the pivot."""
         return replace(piece, start=rotated_place(pivot, piece.start, angle), heading=piece.heading + angle)
 
-    return replace(profile, pieces=tuple(moved(piece) for piece in profile.pieces))
+    return replace(profile, pieces=tuple(moved_piece(piece) for piece in profile.pieces))
 
 
 def profile_at(model: ChainModel, g: int, arm_angle: Sequence[float]) -> Profile:
-    """Face of guide g with its arm at its angle [rad]."""
+    """Face of guide g with arms at angles (A,)."""
     arm, profile = model.arm_of(g), model.profile(g)
     while arm is not None:
         profile, arm = turned_profile(profile, model.arms[arm].pivot, float(arm_angle[arm])), model.parent(arm)
@@ -60,7 +60,7 @@ def profile_at(model: ChainModel, g: int, arm_angle: Sequence[float]) -> Profile
 
 
 def own_strand(model: ChainModel, g: int, strands: Sequence[Line]) -> tuple[int, bool] | None:
-    """Strand on which guide g, as drawn, lies, and whether it travels along the face's pieces; or None."""
+    """Index of guide g's strand, as drawn, and whether it runs along its pieces; or None."""
     found = nearest_strand(model, g, strands)
     if found is None:
         return None
@@ -70,10 +70,7 @@ def own_strand(model: ChainModel, g: int, strands: Sequence[Line]) -> tuple[int,
 
 
 def nearest_strand(model: ChainModel, g: int, strands: Sequence[Line]) -> tuple[int, bool, float] | None:
-    """Strand nearest to guide g, whether it travels along the face's pieces, and rollers' mean height over it [m].
-
-    Heights are negative behind the face; None where no strand runs along it.
-    """
+    """Index of the strand nearest to guide g, whether it runs along its pieces, and its mean height [m]; or None."""
     profile, offset = model.profile(g), model.guide_offset(g)
     length = profile.face_length
     feet = [profile.at(length * i / (_PLACES - 1)) for i in range(_PLACES)]
@@ -106,7 +103,7 @@ def nearest_strand(model: ChainModel, g: int, strands: Sequence[Line]) -> tuple[
 
 
 def cut_depth(run: Run, line: Line) -> float:
-    """Depth to which a straight strand cuts into an obstacle [m]; negative where it passes clear."""
+    """Depth to which a straight strand cuts into a guide's arcs [m]; negative where clear."""
     (sx, sy), (ex, ey) = line
     heading, length = arctan2(ey - sy, ex - sx), quick_hypot(ex - sx, ey - sy)
     ux, uy = unit_vector(heading)
@@ -121,13 +118,12 @@ def cut_depth(run: Run, line: Line) -> float:
 
 @dataclass(frozen=True)
 class PlacedGuide:
-    """Guide that a strand may have to go around, as drawn.
+    """Guide, as drawn, that a strand may have to go around.
 
     Attributes:
-        strand: its strand.
         run: convex arcs over its face, in the order of the chain's travel.
         arm: the arm that carries it; None on the ground.
-        pivots: of that arm and of its parent arm, by arm [m].
+        pivots: of that arm and its parent arm, by arm [m].
     """
 
     strand: int
@@ -145,7 +141,7 @@ class PlacedGuide:
 
 
 def strand_obstacles(model: ChainModel, strands: Sequence[Line]) -> tuple[PlacedGuide, ...]:
-    """Guides that straight strands may have to go around.
+    """Guides that straight strands may have to go around, in place.
 
     Raises:
         UnlikeVariants: where they differ within a stack.
@@ -166,10 +162,9 @@ def strand_obstacles(model: ChainModel, strands: Sequence[Line]) -> tuple[Placed
 
 
 def has_obstructed_strand(model: ChainModel, start: NDArray[np.float64], end: NDArray[np.float64]) -> NDArray[np.bool_]:
-    """Whether any strand may have to go around a guide, of each variant of a stack (V,).
+    """Whether any strand may have to go around a straight bar on the ground (V,).
 
     Args:
-        model: the stack, of straight bars on the ground.
         start, end: of the straight strands (V, S, 2) [m].
     """
     found = np.zeros(len(start), dtype=bool)
@@ -180,11 +175,7 @@ def has_obstructed_strand(model: ChainModel, start: NDArray[np.float64], end: ND
 
 
 def _cut_depths(model: ChainModel, g: int, start: NDArray[np.float64], end: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Depth to which its own strand cuts into a straight bar on the ground (V,) [m]; -inf without a strand.
-
-    Along u, the arcs over the bar's ends are nearest to being cut at c + (R + offset) n: n is square to u over the end
-    towards which the strand runs, else square to the bar.
-    """
+    """Depth to which its strand cuts into straight bar g on the ground (V,) [m]; -inf without one."""
     bar, offset = model.guides[g].bar, model.guide_offset(g)
     first, last = np.atleast_2d(array_of_columns(bar.start)), np.atleast_2d(array_of_columns(bar.end))
     face = last - first
@@ -213,6 +204,7 @@ def _cut_depths(model: ChainModel, g: int, start: NDArray[np.float64], end: NDAr
     way = side[:, None] * u  # of the strand, as the bar runs
     rises = cross(t, way) > 0.0
     cut = np.full(len(apart), -np.inf)
+    # an end's arc is cut first where its normal n is square to the strand, or at the other end to the bar
     for center, leaning in ((first, rises), (last, ~rises)):
         n = np.where(leaning[:, None], _left_normals(way), square)
         point = center - with_last_axis(bar.end_radius) * square + with_last_axis(bar.end_radius + offset) * n
@@ -228,22 +220,22 @@ def _left_normals(vectors: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def dot(a: NDArray[np.float64], b: NDArray[np.float64]) -> NDArray[np.float64]:
-    """a.b of vectors (..., 2)."""
+    """Dot products of vectors (..., 2)."""
     return np.asarray(a[..., 0] * b[..., 0] + a[..., 1] * b[..., 1])
 
 
 def cross(a: NDArray[np.float64], b: NDArray[np.float64]) -> NDArray[np.float64]:
-    """a x b of vectors (..., 2)."""
+    """Cross products of plane vectors (..., 2)."""
     return np.asarray(a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0])
 
 
 def _turned_arc(arc: Arc, pivot: Point, angle: Any) -> Arc:
-    """Arc turned about a pivot by an angle [rad]."""
+    """Guide's arc turned about a pivot by an angle [rad]."""
     return replace(arc, center=rotated_place(pivot, arc.center, angle), begin=arc.begin + angle, end=arc.end + angle)
 
 
 def arm_pivots(model: ChainModel, arm: int | None) -> tuple[tuple[int, Point], ...]:
-    """Pivots as drawn of an arm, if any, and of its parent arm [m]."""
+    """Arm and parent arm with their drawn pivots [m]."""
     found: list[tuple[int, Point]] = []
     while arm is not None:
         found.append((arm, model.arms[arm].pivot))
@@ -252,7 +244,7 @@ def arm_pivots(model: ChainModel, arm: int | None) -> tuple[tuple[int, Point], .
 
 
 def place_on_arm(model: ChainModel, arm: int | None, place: Point, arm_angle: Sequence[Any]) -> tuple[Any, Any]:
-    """Place of an arm as drawn, moved with the arms to angles (A,), each from its parent arm [m]."""
+    """Drawn place on an arm, moved with arms at angles (A,) [m]."""
     found: tuple[Any, Any] = place
     for a, pivot in arm_pivots(model, arm):
         found = rotated_place(pivot, found, arm_angle[a])

@@ -19,14 +19,11 @@ if TYPE_CHECKING:
 
 
 def guide_touch(model: ChainModel, path: ChainPath, g: int, pull: Sequence[float]) -> dict[str, Any] | None:
-    """Where the chain lies on guide g, and its load; None where its path is not bent there.
-
-    The load over the length is T / R', R' the radius of the rollers' centers, the largest of its arcs; the force is
-    T |u_out - u_in|, u the directions in which the chain comes and goes.
+    """Values of `check` on the chain's touch of guide g; None without one.
 
     Args:
-        path: of the chain, arms where they stand.
-        pull: (S,) tensions of the strands less m v^2 / p, which presses on no guide [N].
+        path: with arms where they stand.
+        pull: (S,) tensions of the strands less m v^2 / p [N].
     """
     for k, string in enumerate(path.strings):
         own = [] if string is None else [touch for touch in string.touches if touch.arc.guide == g]
@@ -45,7 +42,7 @@ def guide_touch(model: ChainModel, path: ChainPath, g: int, pull: Sequence[float
 
 
 def arm_report(model: ChainModel, assembly: Assembly, resting: Steady, running: Steady) -> list[dict[str, Any]]:
-    """Angles of the arms [rad], as drawn 0, and on which stop they stand at work (else at assembly)."""
+    """Values of `check` on arms: angles [rad], and their stops at work."""
     found = []
     for a, arm in enumerate(model.arms):
         angles = _values_at_states(assembly, resting, running, lambda angles, a=a: angles[a])
@@ -62,7 +59,7 @@ def arm_report(model: ChainModel, assembly: Assembly, resting: Steady, running: 
 
 
 def tensioner_report(model: ChainModel, assembly: Assembly, resting: Steady, running: Steady) -> list[dict[str, Any]]:
-    """Extensions [m], static pressures [Pa] and forces [N] of tensioners, a slider's at its steady center."""
+    """Values of `check` on tensioners: extensions [m], static pressures [Pa], forces [N]."""
     found = []
     for tensioner in model.tensioners:
         a = model.arm_index(tensioner.on)
@@ -93,6 +90,6 @@ def tensioner_report(model: ChainModel, assembly: Assembly, resting: Steady, run
 
 
 def _values_at_states(assembly: Assembly, resting: Steady, running: Steady, value: Any) -> list[float | None]:
-    """Values by the arms' angles at assembly, at rest and at work; None without a steady state."""
+    """Values of `check` by arm angles at assembly, rest and work; None without a steady state."""
     states = [None if state.failure else float(value(state.arm_angle)) for state in (resting, running)]
     return [float(value(assembly.arm_angle)), *states]

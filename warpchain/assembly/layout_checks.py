@@ -1,4 +1,4 @@
-"""Checks of a drive's layout before a run: faults, for which no step is small enough, and advice."""
+"""Checks of a drive's layout before a run: faults, and advice."""
 
 from __future__ import annotations
 
@@ -29,10 +29,10 @@ Strand = tuple[Point, Point]
 
 
 def layout_faults(model: ChainModel, path: ChainPath | None = None) -> tuple[str, ...]:
-    """Faults of a drive's layout, a line each, with what to change.
+    """Faults of a drive's layout, a line each, with the remedy.
 
     Args:
-        path: the chain's path, if it is known.
+        path: the chain's path, if known.
 
     Raises:
         DriveError: a path that cannot be drawn.
@@ -54,7 +54,7 @@ def layout_faults(model: ChainModel, path: ChainPath | None = None) -> tuple[str
 
 
 def has_possible_faults(model: ChainModel, path: ChainPath) -> NDArray[np.bool_]:
-    """Whether `layout_faults` may find something, of each variant of a stack (V,)."""
+    """Whether a layout may have faults, of each variant (V,) of a stack."""
     start, end = path.strand_start, path.strand_end
     found = np.zeros(len(start), dtype=bool)
     chord = end - start
@@ -66,7 +66,7 @@ def has_possible_faults(model: ChainModel, path: ChainPath) -> NDArray[np.bool_]
         found |= (here > 0.0) & (here < 1.0) & (there > 0.0) & (there < 1.0)
     for g, guide in enumerate(model.guides):
         if guide.straight and guide.arm is None:
-            found |= _bar_suspects(model, g, start, end)
+            found |= _has_possible_bar_faults(model, g, start, end)
         else:
             found |= ~_is_touching_guide(model, path, g)
     for a, arm in enumerate(model.arms):
@@ -76,7 +76,7 @@ def has_possible_faults(model: ChainModel, path: ChainPath) -> NDArray[np.bool_]
 
 
 def _is_touching_guide(model: ChainModel, path: ChainPath, g: int) -> Any:
-    """Whether a chain touches guide g between its rounded ends; of a stack (V,)."""
+    """Whether a chain touches guide g between its rounded ends, () or (V,)."""
     length, found = model.profile(g).face_length, False
     for first, last in (touch.places for touch in _guide_touches(path, g)):
         found = found | ((last > 0.0) & (first < length))
@@ -84,12 +84,14 @@ def _is_touching_guide(model: ChainModel, path: ChainPath, g: int) -> Any:
 
 
 def _guide_touches(path: ChainPath, g: int) -> list[GuideTouch]:
-    """Touches of a chain on guide g."""
+    """Touches of a chain's strings on guide g."""
     return [touch for string in path.strings if string is not None for touch in string.touches if touch.arc.guide == g]
 
 
-def _bar_suspects(model: ChainModel, g: int, start: NDArray[np.float64], end: NDArray[np.float64]) -> NDArray[np.bool_]:
-    """Whether `_bar_faults` may find something of a guide-bar, of each variant (V,)."""
+def _has_possible_bar_faults(
+    model: ChainModel, g: int, start: NDArray[np.float64], end: NDArray[np.float64]
+) -> NDArray[np.bool_]:
+    """Whether straight bar g may have layout faults (V,)."""
     bar, chain = model.guides[g].bar, model.chain
     a, face = array_of_columns(bar.start), array_of_columns(bar.end) - array_of_columns(bar.start)
     length = np.atleast_1d(np.hypot(face[..., 0], face[..., 1]))[:, None]
@@ -113,7 +115,7 @@ def _bar_suspects(model: ChainModel, g: int, start: NDArray[np.float64], end: ND
 
 
 def _face_faults(model: ChainModel, path: ChainPath, g: int, strands: list[Strand]) -> list[str]:
-    """Faults of a curved or carried guide."""
+    """Layout faults of curved or carried guide g, a line each."""
     if _is_touching_guide(model, path, g):
         return []
     guide, touches = model.guides[g], _guide_touches(path, g)
@@ -137,7 +139,7 @@ def _face_faults(model: ChainModel, path: ChainPath, g: int, strands: list[Stran
 
 
 def _stop_fault(model: ChainModel, path: ChainPath, a: int) -> str | None:
-    """Fault of an arm that rests on a stop; None off its stops."""
+    """Layout fault of arm a on a stop; None off its stops."""
     angle, arm = float(path.arm_angle[a]), model.arms[a]
     stop = stop_name(model, a, angle)
     if stop is None or arm.stops is None:
@@ -156,7 +158,7 @@ def _strand_ends(model: ChainModel, path: ChainPath) -> list[Strand]:
 
 
 def strand_crossing(one: Strand, other: Strand) -> Point | None:
-    """Point at which two strands cross, ends that touch aside; None without one."""
+    """Point at which two strands cross [m], touching ends aside; None without one."""
     (ax, ay), (bx, by) = one
     (cx, cy), (dx, dy) = other
     ux, uy, vx, vy, wx, wy = bx - ax, by - ay, dx - cx, dy - cy, cx - ax, cy - ay
@@ -170,7 +172,7 @@ def strand_crossing(one: Strand, other: Strand) -> Point | None:
 
 
 def _crossing_fault(model: ChainModel, path: ChainPath, k: int, m: int, place: Point) -> str:
-    """Fault text of two strands that cross."""
+    """Layout fault of strands k and m that cross at a place."""
     ends = dict.fromkeys(s % len(model.sprockets) for s in (k, k + 1, m, m + 1))
     most = max(ends, key=lambda s: float(path.wrap_angle[s]))
     names = model.strand_names
@@ -182,7 +184,7 @@ def _crossing_fault(model: ChainModel, path: ChainPath, k: int, m: int, place: P
 
 
 def _bar_faults(model: ChainModel, guide: Guide, strands: list[Strand]) -> list[str]:
-    """Faults of a guide-bar."""
+    """Layout faults of a straight bar, a line each."""
     (ax, ay), (bx, by), _ = guide.bar
     length = math.hypot(bx - ax, by - ay)
     tx, ty = (bx - ax) / length, (by - ay) / length
@@ -218,12 +220,12 @@ def _bar_faults(model: ChainModel, guide: Guide, strands: list[Strand]) -> list[
 
 
 def _guide_fault_text(model: ChainModel, guide: Guide, does: str, k: int) -> str:
-    """First words of a fault of a guide and a strand."""
+    """First words of a layout fault of a guide and strand k."""
     return f'guides.{guide.name}: its face {does} strand "{model.strand_names[k]}"'
 
 
 def _shares_within(first: float, last: float, length: float) -> tuple[float, float]:
-    """Shares of a line with values from 0 to `length`; empty where begin >= end."""
+    """Begin and end, from 0 to 1, of a line's part with values from 0 to `length`."""
     if first == last:
         return (0.0, 1.0) if 0.0 <= first <= length else (1.0, 0.0)
     shares = sorted(((0.0 - first) / (last - first), (length - first) / (last - first)))
@@ -235,7 +237,7 @@ LEAST_WRAP = 90.0
 LEAST_TEETH = 3.0
 """Least number of teeth in mesh of an idler."""
 NEAR = 0.5
-"""Farthest that a strand may be from riding on a guide-bar, either way, in pitches."""
+"""Farthest that a strand may be off a straight bar, in pitches."""
 
 
 def layout_advice(
@@ -245,12 +247,12 @@ def layout_advice(
     working: ChainPath | None = None,
     run_up: HardestPull | None = None,
 ) -> tuple[str, ...]:
-    """Advice on a drive's layout, a line each, with what to change.
+    """Advice on a drive's layout, a line each, with the remedy.
 
     Args:
-        path: the chain's path, if it is known.
-        tensions: of the strands at work [N]; without them there is no advice on the breaking load.
-        working: the path with arms where they stand at work, if known.
+        path: the chain's path, if known.
+        tensions: of the strands at work, if known [N].
+        working: the path at work, if known.
         run_up: the largest tension on the way to work, if larger.
 
     Raises:
@@ -269,7 +271,7 @@ def layout_advice(
 
 
 def _wrap_advice(model: ChainModel, path: ChainPath) -> list[str]:
-    """Advice on small angles of wrap and few teeth in mesh."""
+    """Layout advice on small angles of wrap and few teeth in mesh."""
     lines = []
     for s, sprocket in enumerate(model.sprockets):
         if sprocket.is_end:
@@ -291,7 +293,7 @@ def _wrap_advice(model: ChainModel, path: ChainPath) -> list[str]:
 
 
 def _bar_advice(model: ChainModel, path: ChainPath) -> list[str]:
-    """Advice on straight bars that strands miss."""
+    """Layout advice on straight bars that strands miss."""
     lines = []
     radius, pitch = model.chain.roller_radius, model.chain.pitch
     for guide in model.guides:
@@ -328,7 +330,7 @@ def _bar_advice(model: ChainModel, path: ChainPath) -> list[str]:
 
 
 def _shoe_advice(model: ChainModel, path: ChainPath) -> list[str]:
-    """Advice on curved and carried guides of a layout."""
+    """Layout advice on curved and carried guides."""
     lines = []
     strands = _strand_ends(model, path)
     for g, guide in enumerate(model.guides):
@@ -356,7 +358,7 @@ def _shoe_advice(model: ChainModel, path: ChainPath) -> list[str]:
 
 
 def strain_advice(model: ChainModel, strain: float) -> list[str]:
-    """Advice, at most a line, on a chain that assembly stretches beyond its breaking load."""
+    """Layout advice on a chain that assembly stretches beyond its breaking load."""
     if strain <= ELONGATION_AT_BREAKING_LOAD:
         return []
     preload = model.chain.mean_stiffness * model.chain.pitch * strain
@@ -367,11 +369,11 @@ def strain_advice(model: ChainModel, strain: float) -> list[str]:
 
 
 MOST_VENTED = 0.5
-"""Largest part of the pressure at rest, above the ambient one, that a tensioner's vent may take."""
+"""Largest part of a tensioner's pressure at rest that a vent may take."""
 
 
 def _oil_advice(model: ChainModel, tensioner: Tensioner) -> list[str]:
-    """Advice on a tensioner's relief valve, vent, supply and filling."""
+    """Layout advice on a tensioner's relief valve, vent, supply and filling."""
     oil, relief, lines, name = tensioner.oil, tensioner.relief, [], f"tensioners.{tensioner.name}"
     assert oil is not None
     rest = static_pressure(filled_tensioner(tensioner))
@@ -406,7 +408,7 @@ def _oil_advice(model: ChainModel, tensioner: Tensioner) -> list[str]:
 
 
 def idle_arm_advice(model: ChainModel, path: ChainPath) -> list[str]:
-    """Advice on arms that stand where they would without a chain."""
+    """Layout advice on arms that stand where they would without a chain."""
     return [
         f"arms.{arm.name}: stands at {math.degrees(angle):.4g} degrees, as it would without a chain"
         f"{', its free angle' if arm.stiffness > 0.0 else ''}: it presses on nothing; take fewer links, or let its "

@@ -1,6 +1,6 @@
-"""Lay of the chain along a curve of straight pieces and arcs: rollers on the curve, links its chords.
+"""Laying of links along a curve of pieces: rollers on the curve, links its chords.
 
-Curves of V variants are one whose numbers are arrays (V,), of as many pieces each.
+Curves of V variants are one, with numbers (V,).
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ _CLOSE = 1e-12  # of the curve; from there on a step to the end leaves round-off
 
 
 def _length_along_piece(link: Any, curvature: Any) -> Any:
-    """Length along a curve's piece of a link that begins and ends on it [m]."""
+    """Length along a curve's piece that a laid link takes [m]."""
     half = 0.5 * link * abs(curvature)
     bends, otherwise = (half > 0.0) & (half < 1.0), where(half == 0.0, link, math.inf)
     if not is_true_somewhere(bends):
@@ -48,7 +48,7 @@ def _length_along_piece(link: Any, curvature: Any) -> Any:
 
 
 def _table_of_pieces(values: Sequence[Any]) -> NDArray[np.float64]:
-    """Table (P, V), or (P, 1), of numbers or arrays (V,), one a piece."""
+    """Table (P, V) or (P, 1) of pieces' numbers or arrays (V,)."""
     return np.atleast_2d(array_of_columns(values)).T
 
 
@@ -58,11 +58,7 @@ def _rows_of_pieces(table: NDArray[np.float64], i: NDArray[np.int64]) -> NDArray
 
 
 class LayingCurve:
-    """Curve of straight pieces and arcs, extended straight at both ends, on which links are laid.
-
-    Args:
-        pieces: at least one.
-    """
+    """Curve on which links are laid: straight pieces and arcs, extended straight at both ends."""
 
     def __init__(self, pieces: Sequence[Piece]) -> None:
         self.pieces = tuple(pieces)
@@ -73,19 +69,19 @@ class LayingCurve:
 
     @property
     def longest(self) -> int:
-        """Index of a curve's longest straight piece, one for all variants."""
+        """Index of a curve's longest straight piece."""
         straight = [0.0 if is_true_somewhere(piece.curvature != 0.0) else piece.length for piece in self.pieces]
         return int(shared_value(index_of_maximum(straight)))
 
     @cached_property
     def tables(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Start, heading, curvature, length and begin of a curve's pieces (P, V, 6), and where they end (P, V)."""
+        """Start, heading, curvature, length and begin (P, V, 6), and end (P, V), of a curve's pieces."""
         columns = zip(*((*p.start, p.heading, p.curvature, p.length) for p in self.pieces), strict=True)
         tables = np.broadcast_arrays(*map(_table_of_pieces, columns), _table_of_pieces(self.begins))
         return np.stack(tables, axis=-1), _table_of_pieces(self.ends)
 
     def _piece_index(self, s: Any) -> Any:
-        """Index of the piece on which arc length s lies."""
+        """Index of a curve's piece at an arc length."""
         if not has_arrays(s) and not self.stacked:
             return min(max(bisect_right(self.begins, s) - 1, 0), len(self.pieces) - 1)
         found = np.zeros(np.broadcast(s, self.length).shape, dtype=np.int64)
@@ -94,7 +90,7 @@ class LayingCurve:
         return found
 
     def at(self, s: Any) -> tuple[tuple[Any, Any], Any]:
-        """Point [m] and heading [rad] of a curve at the arc length s [m]."""
+        """Point [m] and heading [rad] of a curve at an arc length."""
         i = self._piece_index(s)
         if has_arrays(i):
             x, y, heading, curvature, length, begin = _rows_of_pieces(self.tables[0], i).T
@@ -109,8 +105,8 @@ class LayingCurve:
             x, y = x + (inner - held) * ux, y + (inner - held) * uy
         return (x, y), heading
 
-    def _over(self, s: Any, link: Any) -> Any:
-        """Arc length of the end of a link from s to another piece [m], by Newton's method."""
+    def _link_end(self, s: Any, link: Any) -> Any:
+        """Arc length of a laid link's end on another piece of the curve [m]."""
         (x, y), _ = self.at(s)
         ahead, done = s + link, False
         for _ in range(_NEWTON):
@@ -126,7 +122,7 @@ class LayingCurve:
         return ahead
 
     def places(self, links: NDArray[np.float64]) -> list[Any]:
-        """Arc lengths of rollers along a curve (n,) or (V, n) [m], one more than links, the first at 0."""
+        """Arc lengths of rollers of links (n,) or (V, n) laid along a curve from 0 [m]."""
         alike = bool((links == links[..., :1]).all())
         stacked = self.stacked or links.ndim > 1
         ends: Any = self.tables[1] if stacked else self.ends
@@ -140,21 +136,21 @@ class LayingCurve:
             i = self._piece_index(s)
             ahead = s + (_rows_of_pieces(reaches, i) if stacked else reaches[i])
             fits = ahead <= (_rows_of_pieces(ends, i) if stacked else ends[i])
-            s = ahead if fits is True or is_true_everywhere(fits) else where(fits, ahead, self._over(s, link))
+            s = ahead if fits is True or is_true_everywhere(fits) else where(fits, ahead, self._link_end(s, link))
             found.append(s)
         return found
 
     def points(self, places: Sequence[Any]) -> NDArray[np.float64]:
-        """Points of a curve (n, 2) or (V, n, 2) at arc lengths [m]."""
+        """Points (n, 2) or (V, n, 2) of a curve at arc lengths [m]."""
         points = [self.at(s)[0] for s in places]
         return np.stack([array_of_columns([point[axis] for point in points]) for axis in range(2)], axis=-1)
 
     def reversed_curve(self) -> LayingCurve:
-        """The same curve in the opposite direction."""
+        """The curve in the opposite direction."""
         return LayingCurve([piece.reversed_piece() for piece in reversed(self.pieces)])
 
     def scale(self, links: NDArray[np.float64], guess: Any = None) -> Any:
-        """Factor on links of lengths (n,) or (V, n) [m] whose chords go from end to end of a curve."""
+        """Factor on links (n,) or (V, n) that, laid as chords, span a curve."""
         factor, known = self.length / summed_lengths(links) if guess is None else guess, (0.0, 0.0)
         near, done = 4.0 * _EXACT * self.length * links.shape[-1] ** 0.5, False
         first, close = True, 0.0 if guess is None else _CLOSE * self.length
@@ -176,5 +172,5 @@ class LayingCurve:
 
 
 def summed_lengths(links: NDArray[np.float64]) -> Any:
-    """Sum of link lengths (n,), or of each row (V, n) [m]."""
+    """Sum of laid links' lengths (n,) or (V, n) [m]."""
     return float(links.sum()) if links.ndim == 1 else links.sum(axis=1)

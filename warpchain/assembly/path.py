@@ -1,13 +1,13 @@
 """Chain path: pitch circles joined by common tangents, with wrapped angles and straight strands.
 
-A chain that turns with sign w (+1 counter-clockwise) about a sprocket at c with pitch radius R, and leaves it along the
-unit vector u with left normal n, leaves at c - w R n. For the strand of length S from sprocket k to l,
+A chain that turns with sign w (+1 counter-clockwise) about a sprocket at c with pitch radius R leaves it along the unit
+vector u, of left normal n, at c - w R n. For the strand of length S from sprocket k to l, with D = c_l - c_k and D' = D
+turned by +90 degrees,
 
-    c_l - c_k = S u + h n,   h = w_l R_l - w_k R_k,                         (a)
-    S = sqrt(|c_l - c_k|^2 - h^2),   u = (S D - h D') / |D|^2,               (b)
+    D = S u + h n,   h = w_l R_l - w_k R_k,                                  (a)
+    S = sqrt(|D|^2 - h^2),   u = (S D - h D') / |D|^2.                       (b)
 
-D = c_l - c_k and D' = D turned by +90 degrees. The wrapped angle is w (heading that leaves - heading that arrives), in
-(0, 2 pi). A strand into which guides reach is a taut string (`assembly.taut_string`).
+A strand into which guides reach is a taut string (`assembly.taut_string`).
 """
 
 from __future__ import annotations
@@ -47,10 +47,10 @@ if TYPE_CHECKING:
     from warpchain.model import ChainModel
 
 MAX_STRAIN = 0.05
-"""Largest nominal strain of a chain that counts as fitting its path, taut or slack."""
+"""Largest nominal strain, taut or slack, of a chain that fits its path."""
 
 FEW = 16
-"""Least number of drives with chains on guides that are faster as a stack than one by one."""
+"""Least drives with chains on guides that are faster as a stack than alone."""
 
 Found = TypeVar("Found")
 Item = TypeVar("Item")
@@ -62,27 +62,25 @@ _NO_WRAP = 1e-9  # rad
 
 @dataclass(frozen=True)
 class ChainPath:
-    """Chain path along pitch circles and common tangents; strand k leaves sprocket k of S and reaches k + 1 (mod S).
+    """Path of a chain on pitch circles and common tangents; strand k leaves sprocket k of S and reaches the next.
 
-    Paths of V variants are one whose numbers and arrays have a first axis more; their strings differ in numbers alone.
+    Paths of V variants have a first axis more.
 
     Attributes:
-        pitch: mean unloaded length of the chain's links [m].
-        radius: (S,) radii at which rollers ride [m]: pitch radii, or more for a worn chain.
-        wrap_angle: (S,) wrapped angles [rad], in (0, 2 pi).
+        pitch: mean unloaded length of the links [m].
+        radius: (S,) at which rollers ride [m]: pitch radii, or more for a worn chain.
+        wrap_angle: (S,) heading that leaves less heading that arrives [rad], in (0, 2 pi).
         arrival_angle: (S,) polar angles about sprocket centers at which the path arrives [rad].
-        turning: counter-clockwise angle of one round [rad]: +-2 pi for a plain loop, 0 for a crossed pair; of an open
-            chain +-2 pi, the way it turns on the whole.
-        center: (S, 2) centers of the sprockets [m].
+        turning: counter-clockwise angle of one round [rad]: +-2 pi of a plain loop or open chain, 0 of a crossed pair.
+        center: (S, 2) sprockets [m].
         strand_start: (S, 2) where strand k leaves sprocket k [m].
-        strand_end: (S, 2) where strand k reaches sprocket k + 1 [m].
-        strand_length: (S,) lengths as links measure them [m], on guides by chords (`TautString.chain_length`); 0 of the
-            gap between an open chain's ends.
+        strand_end: (S, 2) where it reaches the next [m].
+        strand_length: (S,) on guides by chords [m], 0 of an open chain's gap.
         wrapped_pitches: sum of wrapped angle over pitch angle.
-        nominal_strain: strain of the strands' links; infinite where wrapped arcs alone take more links.
-        strings: (S,) taut string around the guides that strand k touches; None for a straight strand.
+        nominal_strain: of the strands' links; infinite where wrapped arcs alone take more links.
+        strings: (S,) taut string of strand k; None where straight.
         obstacles: (S,) guides that strand k meets or could meet.
-        arm_angle: (A,) angles of the arms [rad].
+        arm_angle: (A,) [rad].
     """
 
     pitch: float
@@ -101,7 +99,7 @@ class ChainPath:
     arm_angle: NDArray[np.float64]
 
     def __getitem__(self, variants: int | NDArray[np.int64]) -> ChainPath:
-        """Chain paths of some variants of a stack."""
+        """Chain paths of chosen variants of a stack."""
         guided = {name: pick_variants(getattr(self, name), variants) for name in ("strings", "obstacles")}
         own = guided | {
             field.name: getattr(self, field.name)[variants] for field in fields(self) if field.name not in guided
@@ -111,14 +109,14 @@ class ChainPath:
         return replace(self, **own)
 
     def free_lengths(self, k: int) -> tuple[float, ...]:
-        """Lengths of strand k's straight parts that lie on no guide, in order [m]."""
+        """Lengths of strand k's parts on no guide, in order [m]."""
         string = self.strings[k]
         return (float(self.strand_length[k]),) if string is None else string.free
 
     def strain(self, links: int) -> float:
-        """Nominal strain of the strands for a number of links; infinite where wrapped arcs alone take them.
+        """Nominal strain of a path's strands for a number of links; infinite where wrapped arcs take them.
 
-        It solves sum(wrap angle / pitch angle) + sum(strand length) / (pitch (1 + strain)) = links.
+        It solves wrapped pitches + sum(strand length) / (pitch (1 + strain)) = links.
         """
         free = links - self.wrapped_pitches
         return float(self.strand_length.sum()) / self.pitch / free - 1.0 if free > 0.0 else math.inf
@@ -132,7 +130,7 @@ class ChainPath:
 
 
 def path_at(model: ChainModel, arm_angle: Sequence[float]) -> ChainPath:
-    """Chain path with a drive's arms at angles (A,) [rad]; the number of links need not fit.
+    """Chain path with arms at angles (A,); the number of links need not fit.
 
     Raises:
         DriveError: pitch circles that overlap, a sprocket without wrap or with a chain that meets itself, or a strand
@@ -144,7 +142,7 @@ def path_at(model: ChainModel, arm_angle: Sequence[float]) -> ChainPath:
 def results_in_parts(
     model: ChainModel, count: int, worked_out: Callable[[ChainModel], Found]
 ) -> list[tuple[NDArray[np.int64], Found]]:
-    """Results for a stack of `count` by parts: variants (K,) and their result, `UnlikeVariants` each alone."""
+    """Results of a function of a stack, by variants (K,): all at once, `UnlikeVariants` apart."""
     try:
         return [(np.arange(count), worked_out(model))]
     except UnlikeVariants as parted:
@@ -161,7 +159,7 @@ def results_in_parts(
 def allowed_results(
     model: ChainModel, count: int, worked_out: Callable[[ChainModel], Found]
 ) -> list[tuple[NDArray[np.int64], Found]]:
-    """Results for a stack as by `results_in_parts`, without refused variants."""
+    """Results of a function of a stack, by variants (K,), without those that it refuses."""
     try:
         return results_in_parts(model, count, worked_out)
     except DriveError:
@@ -176,7 +174,7 @@ def allowed_results(
 
 @dataclass(frozen=True)
 class PathValues:
-    """Values of a chain path as numbers and arrays (V,), in lists (S,) or alone."""
+    """Values of a chain path as numbers or arrays (V,), in lists (S,) or alone."""
 
     pitch: Any
     center: list[Pair]
@@ -192,11 +190,11 @@ class PathValues:
 
 
 class PathPlan:
-    """Part of a chain path that arm angles do not change: pitch circles, tangents and guides as drawn.
+    """Part of a chain path that arm angles do not change: pitch circles, tangents, guides as drawn.
 
     Raises:
         DriveError: pitch circles that overlap; of the first such variant.
-        UnlikeVariants: variants that go around guides in unlike ways, or few with such guides.
+        UnlikeVariants: variants unlike on guides, or too few.
     """
 
     def __init__(self, model: ChainModel) -> None:
@@ -211,13 +209,13 @@ class PathPlan:
         self.strands = len(sprockets) - model.chain.is_open  # the gap of an open chain is none
         self.teeth = [float(sprocket.teeth) for sprocket in sprockets]
         _check_tips(model, self.radius)
-        self.lines = self._lines(self.center)
+        self.lines = self._common_tangents(self.center)
         self.placed = self._obstacles()
-        self.ends = self._circles(self.center)
+        self.ends = self._pitch_circles(self.center)
         self.known: dict[int, TautString | None] = {}  # the strings that no arm can move, once they are found
 
-    def _lines(self, center: Sequence[Pair]) -> list[_StraightStrand]:
-        """Common tangents of pitch circles about centers [m]."""
+    def _common_tangents(self, center: Sequence[Pair]) -> list[_StraightStrand]:
+        """Common tangents of pitch circles about centers."""
         _check_apart(self.model, center, self.radius)
         arms = [w * r for w, r in zip(self.sign, self.radius, strict=True)]
         return [
@@ -225,14 +223,14 @@ class PathPlan:
             for (one, arm), (other, following) in _neighbor_pairs(zip(center, arms, strict=True))
         ]
 
-    def _circles(self, center: Sequence[Pair]) -> list[Arc]:
-        """Pitch circles about centers [m], where strands may have to go around guides."""
+    def _pitch_circles(self, center: Sequence[Pair]) -> list[Arc]:
+        """Pitch circles of strands that may have to go around guides."""
         if not self.placed:
             return []
         return [circle_end(c, r, w) for c, r, w in zip(center, self.radius, self.sign, strict=True)]
 
     def _plan_at_angles(self, arm_angle: Sequence[Any]) -> PathPlan:
-        """Path plan with sprockets moved by arms at angles (A,) [rad]."""
+        """Path plan with sprockets moved by arms at angles (A,)."""
         if all(a is None for a in self.carrier):
             return self
         at = copy(self)
@@ -240,17 +238,17 @@ class PathPlan:
             place if a is None else place_on_arm(self.model, a, place, arm_angle)
             for place, a in zip(self.center, self.carrier, strict=True)
         ]
-        at.lines, at.ends = at._lines(at.center), at._circles(at.center)
+        at.lines, at.ends = at._common_tangents(at.center), at._pitch_circles(at.center)
         return at
 
     def _obstacles(self) -> tuple[PlacedGuide, ...]:
-        """Guides that strands of the plan may have to go around."""
+        """Guides that strands of the path may have to go around."""
         model = self.model
         if not model.guides:
             return ()
         bars = all(guide.straight and guide.arm is None for guide in model.guides)
         if self.variants > 1 and bars:
-            start, end = (self._points([getattr(line, name) for line in self.lines]) for name in ("start", "end"))
+            start, end = (self._point_array([getattr(line, name) for line in self.lines]) for name in ("start", "end"))
             which = has_obstructed_strand(model, start, end)
             if not which.any():
                 return ()
@@ -260,11 +258,11 @@ class PathPlan:
         return strand_obstacles(model, [(line.start, line.end) for line in self.lines[: self.strands]])
 
     def path_values(self, arm_angle: Sequence[Any]) -> PathValues:
-        """Values of the chain path with arms at angles (A,) [rad].
+        """Values of the chain path with arms at angles (A,).
 
         Raises:
             DriveError: as `path_at`.
-            UnlikeVariants: a stack whose chains touch unlike arcs of guides.
+            UnlikeVariants: chains that touch unlike arcs of guides.
         """
         return self._plan_at_angles(arm_angle)._path_values(arm_angle)
 
@@ -300,7 +298,7 @@ class PathPlan:
         )
 
     def path(self, arm_angle: Sequence[Any]) -> ChainPath:
-        """Chain path with arms at angles (A,) [rad], with the first axis of a stack.
+        """Chain path with arms at angles (A,), with the first axis of a stack.
 
         Raises:
             DriveError, UnlikeVariants: as `path_values`.
@@ -317,9 +315,9 @@ class PathPlan:
             wrap_angle=table_of_columns(course.wrap, variants),
             arrival_angle=table_of_columns(arrival, variants),
             turning=turning,  # type: ignore[arg-type]
-            center=self._points(course.center),
-            strand_start=self._points(course.start),
-            strand_end=self._points(course.end),
+            center=self._point_array(course.center),
+            strand_start=self._point_array(course.start),
+            strand_end=self._point_array(course.end),
             strand_length=table_of_columns(course.length, variants),
             wrapped_pitches=wrapped,  # type: ignore[arg-type]
             nominal_strain=strain,  # type: ignore[arg-type]
@@ -328,8 +326,8 @@ class PathPlan:
             arm_angle=np.broadcast_to(array_of_columns(arm_angle), (variants, len(arm_angle))),
         )
 
-    def _points(self, points: Sequence[Pair]) -> NDArray[np.float64]:
-        """Points (V, S, 2) of pairs of coordinates."""
+    def _point_array(self, points: Sequence[Pair]) -> NDArray[np.float64]:
+        """Array (V, S, 2) of a path's S pairs of coordinates."""
         return table_of_columns([part for pair in points for part in pair], self.variants).reshape(self.variants, -1, 2)
 
     def _string(self, k: int, runs: tuple[Run, ...]) -> TautString | None:
@@ -347,7 +345,11 @@ class PathPlan:
 
 
 def _taut_string(model: ChainModel, first: Arc, last: Arc, runs: tuple[Run, ...]) -> TautString | None:
-    """Taut string of a strand from arc to arc; None where it touches no guide."""
+    """Taut string of a strand from arc to arc, None where it touches no guide.
+
+    Raises:
+        DriveError: a guide in its way.
+    """
     try:
         string = taut_string(first, last, runs)
     except TautError as error:
@@ -356,7 +358,7 @@ def _taut_string(model: ChainModel, first: Arc, last: Arc, runs: tuple[Run, ...]
 
 
 def check_fit(model: ChainModel, path: ChainPath) -> None:
-    """Raises a DriveError, with link counts that fit, where the nominal strain is beyond `MAX_STRAIN`."""
+    """Raises a DriveError, with link counts that fit, for a nominal strain beyond `MAX_STRAIN`."""
     wrong = np.atleast_1d(~(np.abs(path.nominal_strain) <= MAX_STRAIN))
     if not wrong.any():
         return
@@ -395,7 +397,7 @@ class _StraightStrand:
 
 
 def _common_tangent(one: Pair, other: Pair, arm: Any, following: Any) -> _StraightStrand:
-    """Common tangent of two circles about centers with signed radii w R [m], by (a) and (b)."""
+    """Common tangent of two circles with signed radii w R, (a), (b)."""
     dx, dy = other[0] - one[0], other[1] - one[1]
     h = following - arm
     square = dx * dx + dy * dy
@@ -407,7 +409,7 @@ def _common_tangent(one: Pair, other: Pair, arm: Any, following: Any) -> _Straig
 
 
 def _nominal_strain(links: int, wrapped: Any, straight: Any) -> Any:
-    """Nominal strain of the strands for a number of links; numbers, or arrays (V,)."""
+    """Nominal strain of a path's strands for a number of links, () or (V,)."""
     free = links - wrapped
     if not has_arrays(free):
         return straight / free - 1.0 if free > 0.0 else math.inf
@@ -416,28 +418,28 @@ def _nominal_strain(links: int, wrapped: Any, straight: Any) -> Any:
 
 
 def _variant_number(value: Any, v: int) -> float:
-    """Number of variant v, of a value that is one for all or an array (V,)."""
+    """Number of a stack's variant v, from a number or array (V,)."""
     return float(value[v]) if isinstance(value, np.ndarray) else float(value)
 
 
 def _percent_text(strain: float) -> str:
-    """A strain in percent, as text."""
+    """Text of a strain in percent."""
     return f"{100.0 * strain:+.3f} %" if math.isfinite(strain) else "too short to go round"
 
 
 def _neighbor_pairs(values: Iterable[Item]) -> Iterator[tuple[Item, Item]]:
-    """Each value with the next, the last with the first."""
+    """Pairs of values around a chain's path, the last with the first."""
     items = list(values)
     return zip(items, items[1:] + items[:1], strict=True)
 
 
 def _first_variant(condition: Any) -> int | None:
-    """First variant for which a condition holds; None where there is none."""
+    """First variant of a stack for which a condition holds, or None."""
     return int(np.argmax(condition)) if is_true_somewhere(condition) else None
 
 
 def _check_tips(model: ChainModel, radius: Sequence[Any]) -> None:
-    """Raises a DriveError where links are so long that rollers or toes ride over a sprocket's tips."""
+    """Raises a DriveError where rollers or toes of long links ride over a sprocket's tips."""
     for s, sprocket in enumerate(model.sprockets):
         if sprocket.is_end:
             continue
@@ -476,7 +478,7 @@ def _check_apart(model: ChainModel, center: Sequence[Pair], radius: Sequence[Any
 
 
 def _check_wraps(model: ChainModel, wrap: Sequence[Any], pitch_angle: Sequence[float]) -> None:
-    """Raises a DriveError where a sprocket has no wrap, or more than a turn less a pitch."""
+    """Raises a DriveError where a sprocket's wrap is none, or over a turn less a pitch."""
     for s, sprocket in enumerate(model.sprockets):
         if sprocket.is_end:
             continue
@@ -492,7 +494,7 @@ def _check_wraps(model: ChainModel, wrap: Sequence[Any], pitch_angle: Sequence[f
 
 
 def _check_clear(plan: PathPlan, start: Sequence[Pair], length: Sequence[Any], free: Sequence[int]) -> None:
-    """Raises a DriveError where a strand without guides passes through another sprocket."""
+    """Raises a DriveError where a strand of those in `free` passes through another sprocket."""
     model, count = plan.model, len(plan.lines)
     for k, s in product(free, range(count)):
         if s in (k, (k + 1) % count):

@@ -28,12 +28,13 @@ Array = NDArray[np.float64]
 
 
 class ReachedState(NamedTuple):
-    """State reached with the sprocket at a place; NaN where the chain cannot be drawn or assembled.
+    """State that a place search reaches; NaN where no chain can be drawn or assembled.
 
     Attributes:
         strain: of the strands' links [-].
         chord: (2,) of the goal's strand, from seat to seat [m].
         angle: of the goal's arm [rad].
+        wrap: of the goal's sprocket [rad].
     """
 
     strain: float = math.nan
@@ -53,8 +54,7 @@ class PlacementGoal:
         text, unit: in words.
         over: excess of strain, or what counts as such.
         amount: what is reached, in the unit.
-        strand: whose chord counts.
-        arm: whose angle counts; None where a strain does.
+        strand, arm, around: whose chord, angle or wrap counts.
         sags: whether it matters where rollers stand.
     """
 
@@ -69,7 +69,7 @@ class PlacementGoal:
 
 
 class _PlaceQuestion(NamedTuple):
-    """Place whose path or assembled state a search asks for [m]."""
+    """Place along the line [m] whose path or assembled state a search asks for."""
 
     along: float
     assembled: bool
@@ -79,13 +79,10 @@ Steps = Generator[_PlaceQuestion, ReachedState, Any]
 
 
 class PlaceSearch:
-    """Search for the nearest place of a sprocket along a line that satisfies a goal.
+    """Search for a sprocket's nearest place along a line that satisfies a goal.
 
     Args:
-        model: its chain need not fit as it stands.
-        index: of the sprocket to move.
         line: unit vector (2,).
-        goal: what is wanted.
         travel: farthest either way [m]; None is wherever the chain could go round.
     """
 
@@ -107,7 +104,7 @@ class PlaceSearch:
         return self.origin[0] + place * self.line[0], self.origin[1] + place * self.line[1]
 
     def steps(self) -> Steps:
-        """Steps of the search: yields places to evaluate, returns the nearest that satisfies the goal, or None."""
+        """Place search as a generator: yields questions, is sent states, returns a place [m] or None."""
         ends = dict.fromkeys((-1.0, 1.0), (0.0, (yield from self._nominal_excess(0.0))))
         for chain in range(math.ceil(self.reach / self.step)):
             found = []
@@ -128,7 +125,7 @@ class PlaceSearch:
         return None
 
     def _nominal_excess(self, place: float) -> Steps:
-        """Strain in excess of the wanted one by the path alone; NaN where there is no path."""
+        """Excess over the search's goal by the path alone; NaN without a path."""
         reached = yield _PlaceQuestion(place, False)
         if not math.isfinite(reached.strain):
             return math.nan
@@ -137,11 +134,11 @@ class PlaceSearch:
         return self.goal.over(reached)
 
     def _assembled_excess(self, place: float) -> Steps:
-        """Strain in excess of the wanted one of the assembled chain; NaN where none assembles."""
+        """Excess over the search's goal of the assembled chain; NaN where none assembles."""
         return self.goal.over((yield _PlaceQuestion(place, True)))
 
     def _refined_place(self, place: float) -> Steps:
-        """Place nearby where the assembled chain has the wanted strain, or None."""
+        """Place nearby at which the assembled chain satisfies the goal [m], or None."""
         exact = yield from self._secant_place(place)
         half = self.step / 32.0
         while exact is None and half <= 2.0 * self.model.chain.pitch:
@@ -156,7 +153,7 @@ class PlaceSearch:
         return exact if exact is not None and abs(exact) <= self.reach else None
 
     def _secant_place(self, place: float) -> Steps:
-        """Place nearby by the secant method; None where that does not converge."""
+        """Place nearby at which the assembled chain satisfies the goal [m], by secants, or None."""
         first, step = place, 1e-5 * self.model.chain.pitch
         before = yield from self._assembled_excess(place)
         for _ in range(_SECANTS):
@@ -171,7 +168,7 @@ class PlaceSearch:
         return None
 
     def failure(self) -> str:
-        """Error message of a search in vain: what can be reached, and where."""
+        """Error message of a place search in vain: what can be reached, and where."""
         name, direction = self.model.sprockets[self.index].name, [round(x, 6) for x in self.line]
         within = "" if self.travel is None else f" within {self.travel:g} m"
         text = f'sprocket "{name}": no place along {direction}{within} gives {self.goal.text}'
@@ -190,10 +187,12 @@ class PlaceSearch:
 def _root_steps(
     function: Callable[[float], Steps], low: tuple[float, float], high: tuple[float, float], enough: float
 ) -> Steps:
-    """Place at which a function changes sign, to `enough` [m]; NaN where it has no value in between.
+    """Place at which a search's function changes sign, to `enough` [m]; NaN without values in between.
 
-    By Chandrupatla's method, Advances in Engineering Software 28 (1997) 145-149. low and high are places with the
-    function's values; the first place is that of the secant.
+    By Chandrupatla's method, Advances in Engineering Software 28 (1997) 145-149.
+
+    Args:
+        low, high: places with the function's values.
     """
     (a, at_a), (b, at_b) = low, high
     share = 0.5 if at_a == at_b else at_a / (at_a - at_b)
@@ -223,7 +222,7 @@ def _root_steps(
 
 
 def run_searches(searches: Sequence[PlaceSearch]) -> list[float | None]:
-    """Places found by searches of drives that move one sprocket [m]; None for those that find none."""
+    """Places that searches of drives find [m]; None for those in vain."""
     found: list[float | None] = [None] * len(searches)
     for stack in stacks_of_drives([search.model for search in searches]):
         members = stack.members.tolist()
@@ -239,7 +238,7 @@ class _StackSearch:
         self.model, self.searches = model, searches
 
     def run(self) -> list[float | None]:
-        """Places found [m]; None for a search without one."""
+        """Places that a stack's searches find [m]; None for those in vain."""
         found: list[float | None] = [None] * len(self.searches)
         work = [search.steps() for search in self.searches]
         asked = {v: next(steps) for v, steps in enumerate(work)}
@@ -248,7 +247,7 @@ class _StackSearch:
                 rows = [v for v, place in asked.items() if place.assembled is assembled]
                 if not rows:
                     continue
-                answers = self._answers(rows, [asked[v].along for v in rows], assembled)
+                answers = self._states_at_places(rows, [asked[v].along for v in rows], assembled)
                 for v, reached in zip(rows, answers, strict=True):
                     try:
                         asked[v] = work[v].send(reached)
@@ -257,8 +256,8 @@ class _StackSearch:
                         del asked[v]
         return found
 
-    def _answers(self, rows: list[int], places: list[float], assembled: bool) -> list[ReachedState]:
-        """States of some variants with their sprockets at places."""
+    def _states_at_places(self, rows: list[int], places: list[float], assembled: bool) -> list[ReachedState]:
+        """States of some variants with their sprockets at places along the line."""
         goals = [self.searches[v].goal for v in rows]
         centers = [self.searches[v].center(place) for v, place in zip(rows, places, strict=True)]
         model, center = self.model, centers[0]
@@ -268,21 +267,23 @@ class _StackSearch:
             center = tuple(np.array(centers).T)  # of a stack
         answers = [NOWHERE] * len(rows)
         moved = _drive_with_center(model, self.searches[0].index, center)
-        for members, states in allowed_results(moved, len(rows), _evaluation(goals, assembled)):
-            for v, reached in zip(members.tolist(), states.of([goals[v] for v in members.tolist()]), strict=True):
+        for members, states in allowed_results(moved, len(rows), _states_function(goals, assembled)):
+            for v, reached in zip(
+                members.tolist(), states.reached_by_goals([goals[v] for v in members.tolist()]), strict=True
+            ):
                 answers[v] = reached
         return answers
 
 
 def _drive_with_center(model: ChainModel, index: int, center: tuple[float, float]) -> ChainModel:
-    """Chain model, or stack, with a sprocket's center elsewhere, unchecked."""
+    """Chain model or stack with sprocket `index` elsewhere, unchecked."""
     sprockets = list(model.sprockets)
     sprockets[index] = sprockets[index].model_copy(update={"center": center})
     return replace(model, sprockets=tuple(sprockets))
 
 
-def _evaluation(goals: Sequence[PlacementGoal], assembled: bool) -> Callable[[ChainModel], _States]:
-    """Function that gives a stack's states: of its paths, or of chains assembled as far as goals need."""
+def _states_function(goals: Sequence[PlacementGoal], assembled: bool) -> Callable[[ChainModel], _States]:
+    """Search's function of a stack to states: of paths, or of chains as goals need."""
     if not assembled:
         return _path_states
     return _placed_states if any(goal.sags for goal in goals) else _seat_states
@@ -297,8 +298,8 @@ class _States:
     arms: Array
     wrap: Array
 
-    def of(self, goals: Sequence[PlacementGoal]) -> list[ReachedState]:
-        """State of each variant, as its goal takes it."""
+    def reached_by_goals(self, goals: Sequence[PlacementGoal]) -> list[ReachedState]:
+        """State of each variant that a search reaches, as its goal takes it."""
         chords = self.chord[np.arange(len(goals)), [goal.strand for goal in goals]].tolist()
         angles = [math.nan if goal.arm is None else float(self.arms[v, goal.arm]) for v, goal in enumerate(goals)]
         wraps = [math.nan if goal.around is None else float(self.wrap[v, goal.around]) for v, goal in enumerate(goals)]
@@ -320,7 +321,7 @@ def _seat_states(model: ChainModel) -> _States:
 
 
 def _straight_states(path: ChainPath, strain: Array) -> _States:
-    """States of a stack with its strands' chords on the path."""
+    """States of a stack with strains (V,), its strands' chords on the path."""
     return _States(strain, path.strand_end - path.strand_start, path.arm_angle, path.wrap_angle)
 
 

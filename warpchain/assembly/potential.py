@@ -31,16 +31,15 @@ _TINY = 1e-12  # m: a roller this near to the middle of its seat
 
 
 Map = tuple[NDArray[np.int64], Array]
-"""Free coordinate that moves each coordinate, and by how much."""
+"""Free coordinate that moves each coordinate, and its weight."""
 
 
 class CarriedPlace(NamedTuple):
-    """Place of two coordinates that an arm's angle moves on a circle.
+    """Place, two coordinates, that an arm moves on a circle.
 
     Attributes:
         place: its first coordinate.
-        arm: the arm.
-        of: place that goes round the arm's pivot, with this one.
+        of: place that goes round the arm's pivot with it.
         second: whether another arm, on this one, moves it, too.
     """
 
@@ -74,8 +73,8 @@ class EnergyTerms:
         Args:
             at: (M, b) unknowns: roller's place; body's center, if it moves; body's angle, if it turns.
             slope: (M, 2) dE/dr [N], r the roller's place.
-            block: (M, 2, 2) its derivatives [N/m].
-            rho: (M, 2) from the center of turn to the roller [m]; None for a body that stands.
+            block: (M, 2, 2) d^2E/dr^2 [N/m].
+            rho: (M, 2) from the center of turn to the roller [m]; None for a body at rest.
         """
         moves = np.zeros((len(at), 2, at.shape[1]))  # of the roller against the body, by the unknowns
         moves[:, :, :2] = np.eye(2)
@@ -101,7 +100,7 @@ class EnergyTerms:
         return found
 
     def hessian(self, maps: Sequence[Map], count: int) -> csc_matrix:
-        """Hessian of the energy by `count` free coordinates y: dx_i sums weight_i dy_column(i) of all maps."""
+        """Hessian of the energy by `count` free coordinates y, dx_i = sum of weight_i dy_column(i)."""
         from scipy.sparse import coo_matrix
 
         rows, columns, values = (np.concatenate(of) for of in (self.rows, self.columns, self.values))
@@ -115,7 +114,7 @@ class EnergyTerms:
 
 
 def stacked_terms(terms: Sequence[EnergyTerms]) -> EnergyTerms:
-    """Energy terms of several chains as those of one, one after the other."""
+    """Energy terms of several chains as one, their coordinates one after the other."""
     found = EnergyTerms(0, 0.0, np.concatenate([of.gradient for of in terms]), [], [], [])
     for of in terms:
         found.energy += of.energy
@@ -127,20 +126,18 @@ def stacked_terms(terms: Sequence[EnergyTerms]) -> EnergyTerms:
 
 
 class Potential:
-    """Potential energy E by all coordinates of a chain.
+    """Potential energy E of a chain by its coordinates.
 
-    They are rollers (2 N), centers (2 S), angles of sprockets and shafts (S + H), arms' absolute angles (A), and pivots
-    of
-    arms on arms.
+    These are rollers (2 N), centers (2 S), angles of sprockets and shafts (S + H), arms' absolute angles (A), and
+    pivots of arms on arms.
 
     Args:
-        model: of the chain.
-        frequency: f, links a second [Hz].
-        moments: (S + H,) load moments M_s, against forward rotation [N m].
+        frequency: links a second [Hz].
+        moments: (S + H,) loads against forward rotation [N m].
         hanging: whether balance wheels hang where they are, or turn nothing in the mean.
         laid: (S,) angles of the sprockets as laid [rad], for couplings.
         held: (S + H,) whether an angle is; None as `is_held_body`, and of a shaft without a sprocket near.
-        goods: (N,) masses of goods on the pins [kg].
+        goods: (N,) masses on the pins [kg].
 
     Attributes:
         lever: (S + H,) length as which a turn counts [m/rad]: the pitch radius, of a shaft the nearest sprocket's.
@@ -198,7 +195,7 @@ class Potential:
                 self.wheels[s] = wheel_mass(sprocket) * wheel.radius * np.array(unit_vector(wheel.phase))
 
     def _stiffness_and_play(self) -> tuple[Array, Array]:
-        """Stiffnesses [N/m] and plays [m] of the links (N,)."""
+        """Stiffnesses (N,) [N/m] and plays (N,) [m] of the links."""
         chain = self.model.chain
         stiffness = np.full(chain.rollers, chain.stiffness)
         if chain.varied_links:
@@ -207,12 +204,12 @@ class Potential:
         return stiffness, np.full(chain.rollers, chain.link_play if chain.varied_links else 0.0)
 
     def split(self, x: Array) -> tuple[Array, Array, Array]:
-        """Rollers (N, 2), centers (S, 2) and angles (S + H,), as views of x."""
+        """Rollers (N, 2), centers (S, 2) and angles (S + H,) as views of coordinates."""
         n, s = 2 * self.rollers, 2 * self.sprockets
         return x[:n].reshape(-1, 2), x[n : n + s].reshape(-1, 2), x[n + s : self.first_arm]
 
     def _carried_places(self) -> list[CarriedPlace]:
-        """Places carried by arms: pivots of arms, and sprocket centers, in that order."""
+        """Places that arms carry: pivots of arms, then sprocket centers."""
         pivot = {a: self.first_pivot + 2 * k for k, (a, _) in enumerate(self.hung)}
         found = [CarriedPlace(pivot[a], p, pivot[a], False) for a, p in self.hung]
         on = dict(self.hung)
@@ -231,14 +228,14 @@ class Potential:
         return found
 
     def arm_angles(self, x: Array) -> Array:
-        """Angles of the arms (A,) relative to what carries them [rad]."""
+        """Angles of the arms (A,) to their parent arms or the ground [rad]."""
         found = np.array(x[self.first_arm : self.first_pivot])
         for a, p in self.hung:
             found[a] -= x[self.first_arm + p]
         return found
 
     def move_carried(self, x: Array) -> None:
-        """Moves carried pivots and sprocket centers in x to where arms' angles put them."""
+        """Moves carried pivots and sprocket centers, in coordinates x, with their arms."""
         arms, centers = self.model.arms, self.split(x)[1]
         for k, (own, p) in enumerate(self.hung):
             place = rotated_place(arms[p].pivot, arms[own].pivot, float(x[self.first_arm + p]))
@@ -250,7 +247,7 @@ class Potential:
                 centers[s] += pivots[a] - arms[a].pivot if a in hung else 0.0
 
     def levers(self, x: Array) -> Array:
-        """Vectors (C, 2) from arm pivots to carried places [m]."""
+        """Vectors from arm pivots to carried places (C, 2) [m]."""
         pivots = self.pivots(x)
         return np.array([x[one.of :][:2] - pivots[one.arm] for one in self.carried]).reshape(-1, 2)
 
@@ -261,7 +258,7 @@ class Potential:
         return self.link_springs(np.hypot(d[:, 0], d[:, 1]))[1]
 
     def link_springs(self, length: Array) -> tuple[Array, Array, Array]:
-        """Energy [J], tension [N] and stiffness [N/m] (N,) of links of lengths (N,) [m]."""
+        """Energy [J], tension [N] and stiffness [N/m] of links of lengths (N,)."""
         drawn = length - self.lengths
         stretch = drawn - (self.play if self.pulled else np.clip(drawn, -self.play, self.play))
         stiffness = np.where((stretch != 0.0) | (self.play == 0.0), self.stiffness, 0.0)
@@ -269,7 +266,7 @@ class Potential:
         return 0.5 * tension * stretch, tension, stiffness
 
     def terms(self, x: Array) -> EnergyTerms:
-        """Energy, gradient and Hessian at coordinates x."""
+        """Energy, gradient and Hessian of a chain at coordinates x."""
         terms = EnergyTerms(self.size, 0.0, np.zeros(self.size), [], [], [])
         self._add_links(x, terms)
         for s in range(self.sprockets):
@@ -294,7 +291,7 @@ class Potential:
         return terms
 
     def _add_parent_arm(self, x: Array, a: int, p: int, terms: EnergyTerms) -> None:
-        """Adds arm a on arm p: springs between the two, weight at its pivot and about that."""
+        """Adds the energy of arm a on arm p: springs and weight."""
         arm, at, on = self.arms[a], self.first_arm + a, self.first_arm + p
         angle, turned = float(x[at]), float(x[at] - x[on])
         place = self.first_pivot + 2 * [own for own, _ in self.hung].index(a)
@@ -302,15 +299,15 @@ class Potential:
         terms.energy += (
             arm.energy(turned) + arm.weight_work(turned) - arm.weight_work(angle) - float(weight @ x[place : place + 2])
         )
-        terms.gradient[at] -= arm.joint(turned) + arm.weight(angle)
-        terms.gradient[on] += arm.joint(turned)
+        terms.gradient[at] -= arm.joint_moment(turned) + arm.weight_moment(angle)
+        terms.gradient[on] += arm.joint_moment(turned)
         terms.gradient[place : place + 2] -= weight
         between = (arm.stiffness(turned) - arm.weight_work(turned)) * np.array([[1.0, -1.0], [-1.0, 1.0]])
         terms.add_blocks(np.array([[at, on]]), between[None])
         terms.add_blocks(np.array([[at]]), np.array([[[arm.weight_work(angle)]]]))
 
     def torques(self, x: Array) -> tuple[Array, Array]:
-        """Twists of the couplings (C,) [rad], and moments on them from their first bodies [N m].
+        """Twists of the couplings (C,) [rad], and moments on them from their first bodies (C,) [N m].
 
         Freewheels are locked; a brake is off and a backstop overrun.
         """
@@ -323,7 +320,7 @@ class Potential:
         return twist, stiffness * (twist - np.clip(twist, -lash, lash))
 
     def _add_couplings(self, x: Array, terms: EnergyTerms) -> None:
-        """Adds the energy of couplings, whose springs do nothing within their play."""
+        """Adds the energy of couplings."""
         moments = self.torques(x)[1]
         for (a, b, _, ratio), coupling, moment in zip(self.couplings, self.model.couplings, moments, strict=False):
             if a < 0:
@@ -430,7 +427,7 @@ class Potential:
         return pen, outward, np.where(tip, eta / distance, lateral), bend
 
     def _add_guide(self, x: Array, g: int, terms: EnergyTerms) -> None:
-        """Adds the energy of rollers on guide g, by `warpchain.drive.face_profile` (a)."""
+        """Adds the energy of rollers on guide g (`warpchain.drive.face_profile`, (a))."""
         r, _, _ = self.split(x)
         arm, pivots = self.model.arm_of(g), self.pivots(x)
         hung = [a for a, _ in self.hung]
@@ -486,7 +483,7 @@ class Potential:
 
 
 def _along_across(u: Array, along: Array, across: Array) -> Array:
-    """Matrices (M, 2, 2), eigenvalue `along` for unit vectors u (M, 2), `across` at right angles."""
+    """Matrices (M, 2, 2) with eigenvalues `along` and `across` unit vectors u (M, 2)."""
     outer = u[:, :, None] * u[:, None, :]
     return np.asarray(across[:, None, None] * np.eye(2) + (along - across)[:, None, None] * outer)
 
@@ -494,17 +491,14 @@ def _along_across(u: Array, along: Array, across: Array) -> Array:
 def _add_contact_energy(
     terms: EnergyTerms, pen: Array, normal: Array, bend: Array, stiffness: float, exponent: float
 ) -> tuple[Array, Array]:
-    """Adds the energy of contacts; returns forces (M,) [N] and second derivatives by place (M, 2, 2) [N/m]."""
+    """Adds contacts' energy; returns forces (M,) [N] and derivatives by place (M, 2, 2) [N/m]."""
     force = stiffness * pen**exponent
     terms.energy += float(np.sum(force * pen)) / (exponent + 1.0)
     return force, _along_across(normal, exponent * force / pen, force * bend)
 
 
 def _mount_values(model: ChainModel, gravity: Array) -> tuple[Array, Array, Array]:
-    """Mean places [m], springs along x and y [N/m] and steady forces [N] of sprocket centers, each (S, 2).
-
-    A slider's spring stands for both axes.
-    """
+    """Mean places [m], springs [N/m] and steady forces [N] of sprocket centers, each (S, 2)."""
     count = len(model.sprockets)
     home = np.array([sprocket.center for sprocket in model.sprockets], dtype=float)
     spring, pull = np.zeros((count, 2)), np.zeros((count, 2))

@@ -1,4 +1,4 @@
-"""Figures of standards and makers for a chain at work: power, wear, lubrication, sag, critical speeds."""
+"""Figures of standards and makers for a chain at work."""
 
 from __future__ import annotations
 
@@ -34,18 +34,18 @@ Strands = Sequence[Mapping[str, Any]]
 
 
 def passes_moment(sprocket: Sprocket) -> bool:
-    """Whether a sprocket passes on a moment: the driver's, a load's or a shaft's."""
+    """Whether a sprocket passes on a moment: driver, loaded or on a shaft."""
     return sprocket.prescribed is not None or sprocket.load is not None or sprocket.shaft is not None
 
 
 def smallest_driven(model: ChainModel) -> int:
-    """Sprocket with the fewest teeth of those that pass on a moment."""
+    """Index of the sprocket with the fewest teeth of those that pass on a moment."""
     passing = (s for s, sprocket in enumerate(model.sprockets) if s == model.driver or passes_moment(sprocket))
     return min(passing, key=lambda s: model.sprockets[s].teeth)
 
 
 def rating_values(model: ChainModel, strands: Strands, speed: float) -> dict[str, Any] | None:
-    """Rated power, life and lubrication of a chain by name, in SI units; None without a rating, at rest or where open.
+    """Rated power, life and lubrication of a chain by name, in SI units; None without a rating.
 
     Args:
         strands: each with its "working_tension" [N].
@@ -79,7 +79,12 @@ def rating_values(model: ChainModel, strands: Strands, speed: float) -> dict[str
 
 
 def wear_rate(model: ChainModel, tensions: Sequence[float], speed: float) -> float:
-    """Elongation rate of a chain with a size by wear of its joints [1/s], eq. (a)."""
+    """Elongation rate of a chain by wear of its joints [1/s].
+
+    Args:
+        tensions: of the strands [N].
+        speed: of the chain [m/s].
+    """
     chain = model.chain
     assert chain.pin_radius is not None and chain.joint_area is not None  # a size has both
     turned = sum(
@@ -90,7 +95,7 @@ def wear_rate(model: ChainModel, tensions: Sequence[float], speed: float) -> flo
 
 
 def resting_sags(model: ChainModel, assembly: Assembly, resting: Steady) -> dict[int, float]:
-    """Sag at rest of each strand that lies on no guide [m], sprockets free; none without gravity or rest."""
+    """Sag at rest of strands on no guide [m], by index; none without gravity or rest."""
     if resting.failure or not any(model.run.gravity):
         return {}
     strands = range(len(model.strand_names))
@@ -98,34 +103,32 @@ def resting_sags(model: ChainModel, assembly: Assembly, resting: Steady) -> dict
 
 
 def resting_sag(model: ChainModel, assembly: Assembly, strands: Strands, resting: Steady) -> dict[str, Any] | None:
-    """Sag at rest of the strand slackest at work [m]; None on guides, without gravity or rest."""
+    """Sag at rest, by name, of the strand slackest at work; None on guides, without gravity or rest."""
     k = min(range(len(strands)), key=lambda k: float(strands[k]["working_tension"]))
     hangs, length = resting_sags(model, assembly, resting).get(k), float(strands[k]["length"])
     if hangs is None:
         return None
-    moved = 4.0 / math.sqrt(3.0) * hangs  # (d)
+    moved = 4.0 / math.sqrt(3.0) * hangs  # docs/selection.md
     return {"strand": strands[k]["name"], "sag": hangs, "length": length, "movement": moved, "slack": moved / length}
 
 
 def critical_speeds(model: ChainModel, path: ChainPath, strands: Strands, speed: float) -> dict[str, dict[str, Any]]:
-    """Frequencies of strands and sprockets, and the driver's speeds at which teeth or revolutions have them.
+    """Frequencies of strands and sprockets, and the driver's speeds that excite them.
 
     Args:
-        path: of the chain.
         strands: each with "name", "links", "free_lengths", "working_tension", "centrifugal_tension".
         speed: of the driver at work [rad/s].
 
     Returns:
         "transverse", "longitudinal" and "torsional", where present, each with "strand" ("" for all), "frequency" [Hz],
-        "teeth_speed" and "revolution_speed" [rad/s]; of the strand with the speed nearest to that at work. Nothing
-        where no sprocket drives.
+            "teeth_speed" and "revolution_speed" [rad/s]; nothing where no sprocket drives.
     """
     if model.sprockets[model.driver].is_end:
         return {}
     chain, teeth = model.chain, model.sprockets[model.driver].teeth
 
     def critical(strand: str, frequency: float, revolution: float) -> dict[str, Any]:
-        """Row of a frequency [Hz], with the speeds that have it [rad/s]."""
+        """Row of a critical frequency [Hz] and its speeds [rad/s]."""
         return {
             "strand": strand,
             "frequency": frequency,
@@ -154,12 +157,12 @@ def critical_speeds(model: ChainModel, path: ChainPath, strands: Strands, speed:
 
 
 def _swinging_speed(pull: float, length: float, period: float) -> float:
-    """Chain speed at which a strand swings once per period of length [m/s], eq. (b)."""
+    """Chain speed at which a strand swings once per period of length [m/s]."""
     return math.sqrt(0.5 * (math.sqrt(pull * pull + (pull * period / length) ** 2) - pull))
 
 
 def torsional_frequency(model: ChainModel, path: ChainPath, strands: Strands) -> float | None:
-    """Lowest torsional frequency of sprockets on their pulled strands [Hz]; None where there is none."""
+    """Lowest torsional frequency of sprockets on pulled strands [Hz], or None."""
     count, (gx, gy) = len(model.sprockets), model.run.gravity
     masses = np.zeros(count)
     for b in range(count + len(model.shafts)):
@@ -184,7 +187,7 @@ def torsional_frequency(model: ChainModel, path: ChainPath, strands: Strands) ->
 
 
 def rating_advice(found: Mapping[str, Any] | None, hung: Mapping[str, Any] | None) -> list[str]:
-    """Advice on more power than rated, and on a slack strand that hangs too far."""
+    """Advice on more power than rated, and on a strand that hangs too far."""
     lines = []
     if found is not None and found["use"] > 1.0:
         lines.append(
@@ -222,7 +225,7 @@ def rating_lines(found: Mapping[str, Any] | None) -> list[str]:
 
 
 def strand_lines(hung: Mapping[str, Any] | None, speeds: Mapping[str, Mapping[str, Any]]) -> list[str]:
-    """Report lines of `check` on sag and critical speeds."""
+    """Report lines of `check` on a strand's sag and on critical speeds."""
     lines = []
     if hung is not None:
         least, usual, most = (100.0 * share for share in SLACK)

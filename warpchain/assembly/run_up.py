@@ -1,4 +1,4 @@
-"""Run-up of a drive from its start to work: the driver's speeds and accelerations, and the moments they need."""
+"""Run-up of a drive from its start to work: speeds, accelerations, moments."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ _BALANCED = 1e-9
 
 
 class RunUp(NamedTuple):
-    """Run-up of a driver: speeds (K,) [rad/s] and accelerations (K,) [rad/s^2], the last at work."""
+    """Run-up of a driver: speeds (K,) [rad/s] and accelerations (K,) [rad/s^2] to work."""
 
     speed: Array
     acceleration: Array
@@ -38,7 +38,7 @@ class RunUp(NamedTuple):
 
 
 def driver_run_up(model: ChainModel) -> RunUp:
-    """Run-up of a chain's driver by its ramp or table over time, else by motors and loads."""
+    """Run-up of a chain's driver by ramp or table, else by motors and loads."""
     b = driving_body(model)
     motion, top = part_of_body(model, b).prescribed, model.driver_speed
     if motion is None:
@@ -70,11 +70,7 @@ def _free_run_up(model: ChainModel) -> RunUp:
 
 
 def run_up_moments(model: ChainModel, of: RunUp) -> Array:
-    """Mean moments of loads and inertias against forward rotation during run-up (S + H, K) [N m], eq. (a).
-
-    Args:
-        beyond: inertia of the chains that a sprocket turns by name [kg m^2], without those of `SprocketShaft`.
-    """
+    """Moments of loads and inertias against forward rotation in a run-up (S + H, K) [N m]."""
     found = load_moments(model, of.speed)
     for b in range(len(found)):
         if is_free_body(model, b) and nearest_sprocket(model, b) is not None:
@@ -83,7 +79,11 @@ def run_up_moments(model: ChainModel, of: RunUp) -> Array:
 
 
 def tension_rises(model: ChainModel, moments: Array) -> Array:
-    """Tension of the strand behind each sprocket above that behind the driver (S, K) [N]."""
+    """Tension of the strand behind each sprocket above the driver's (S, K) [N].
+
+    Args:
+        moments: (S + H, K) against forward rotation [N m].
+    """
     count = len(model.sprockets)
     found = np.zeros((count, moments.shape[1]))
     asked = np.zeros_like(found)

@@ -1,22 +1,13 @@
 """Seating of rollers on sprockets, and the sprocket angles that close the chain's polygon.
 
-Sprocket s holds m_s >= 1 rollers on consecutive seats, the first at polar angle a_s, the last at
-b_s = a_s + w_s (m_s - 1) alpha_s; strand k has n_k >= 1 links, sum (m_s - 1) + sum n_k = N. One closing condition a
-strand,
+Sprocket s holds m_s rollers on consecutive seats, the first at polar angle a_s, the last at b_s = a_s + w_s (m_s - 1)
+alpha_s; strand k has n_k links of unloaded length l_k. One closing condition a strand,
 
     |first roller of sprocket k+1 (a_{k+1}) - last roller of sprocket k (b_k)| = l_k (1 + strain),     (a)
 
-with l_k the unloaded length of its n_k links, determines the strain and all a_s but the driver's (where the path
-arrives, or `run.phase` teeth further on), by Newton's method. In a slack chain a strand of one link keeps its length.
-Rollers that ride above their seats with longer outer links lean by `Drive.riding_lean`, back and forth.
-
-An open chain has a sprocket of one seat and no radius at each end, and (a) of its strands but not of the gap between
-the ends; the angle of its driver is one of the unknowns.
-
-Counts come from the path in pitches from the driver's arrival: a roller at i pitches, or `run.phase` more, is seated
-within half a pitch of the arc. Where solved angles leave that range a seat is added or given back, and (a) is solved
-again. On guides the taut string's length stands in (a) for the distance, corrected by what its links, laid as chords,
-differ from `TautString.chain_length`.
+determines the strain and all a_s but the driver's. In a slack chain a strand of one link keeps its length; on guides
+(a) has the taut string's. An open chain has a sprocket of one seat and no radius at each end, no (a) between them, and
+its driver's angle as an unknown.
 """
 
 from __future__ import annotations
@@ -78,10 +69,10 @@ Number = Any
 
 @dataclass
 class Seating:
-    """Seating of a stack's chains on their S sprockets; values are arrays (V,), of one variant plain numbers.
+    """Seating of a stack's chains on S sprockets, in arrays (V,) or numbers.
 
     Attributes:
-        first_angle: (S,) polar angles of the seats of the first rollers [rad].
+        first_angle: (S,) polar angles of the first rollers' seats [rad].
         seats: (S,) numbers of seated rollers.
         links: (S,) numbers of links of the strands.
         strain: of the strands' links, negative in a slack chain.
@@ -92,13 +83,13 @@ class Seating:
     links: list[Number]
     strain: Number
 
-    def of(self, chosen: Places) -> Seating:
-        """Seatings of some variants of a stack."""
+    def pick_variants(self, chosen: Places) -> Seating:
+        """Seatings of chosen variants of a stack."""
         angle, seats, links = ([column[chosen] for column in own] for own in (self.first_angle, self.seats, self.links))
         return Seating(angle, seats, links, self.strain[chosen])
 
     def set_variants(self, chosen: Places, other: Seating) -> None:
-        """Sets the seatings of some variants, in arrays of their own."""
+        """Sets the seatings of chosen variants to another's."""
 
         def put(column: Number, new: Number) -> Number:
             """Copy of a column with new values of the chosen."""
@@ -112,7 +103,7 @@ class Seating:
 
     @property
     def first(self) -> list[Number]:
-        """Indices of the first roller on each sprocket (S,)."""
+        """Indices of the first seated roller on each sprocket (S,)."""
         found = [0 * self.seats[0]]
         for seats, links in zip(self.seats[:-1], self.links[:-1], strict=True):
             found.append(found[-1] + (seats - 1 + links))
@@ -120,7 +111,7 @@ class Seating:
 
     @property
     def last(self) -> list[Number]:
-        """Indices of the last roller on each sprocket (S,)."""
+        """Indices of the last seated roller on each sprocket (S,)."""
         return [first + seats - 1 for first, seats in zip(self.first, self.seats, strict=True)]
 
 
@@ -128,15 +119,14 @@ def seat_chain(model: ChainModel, path: ChainPath, loop: Loop | None = None, nea
     """Seating of chains that fit their paths.
 
     Args:
-        model: one, or a stack.
         path: with the first axis of a stack.
-        loop: of the drive; with arms its last solution for another path is the first guess.
-        near: tolerance of links laid on guides, if above round-off [pitches].
+        loop: whose last solution is the first guess, with arms.
+        near: tolerance of links laid on guides [pitches].
 
     Raises:
         DriveError: a strand without room for a link, too few teeth, or no placement that closes the chain; of the first
             such variant.
-        UnlikeVariants: chains of a stack that lie on guides with unlike arcs, or links.
+        UnlikeVariants: chains on guides with unlike arcs, or links.
     """
     loop = loop or Loop(model, path)
     loop.use_path(path)
@@ -153,18 +143,18 @@ def seat_chain(model: ChainModel, path: ChainPath, loop: Loop | None = None, nea
             break
         if has_arrays(changed) and not changed.all():
             todo = todo[changed]
-            part, mine = loop.of(todo), seating.of(todo)
+            part, mine = loop.pick_variants(todo), seating.pick_variants(todo)
     loop.solved = seating
     return seating
 
 
 def outer_link_sign(roller: Number) -> Number:
-    """Sign 1 where an outer link ends at a roller, -1 where one begins (`Drive.riding_lean`)."""
+    """Sign of the riding lean at a roller: 1 where an outer link ends, else -1."""
     return 2 * (roller % 2) - 1
 
 
 class Loop:
-    """Loop of a stack's sprockets in the order of the chain's travel, S numbers or arrays (V,) each.
+    """Loop of a stack's sprockets that the seated chain closes.
 
     Attributes:
         members: (V,) their variants among the stack's `whole`.
@@ -206,8 +196,8 @@ class Loop:
         self.around = any(self.runs)
         self.strings: dict[int, tuple[tuple[Number, Number], TautString]] = {}  # as last drawn, from where to where
 
-    def of(self, chosen: Places) -> Loop:
-        """Sprocket loops of some variants of a stack."""
+    def pick_variants(self, chosen: Places) -> Loop:
+        """Sprocket loops of chosen variants of a stack."""
         part = copy(self)
         part.variants, part.pitch, part.members = len(chosen), self.pitch[chosen], self.members[chosen]
         part.runs, part.strings = [pick_variants(runs, chosen) if runs else () for runs in self.runs], {}
@@ -220,17 +210,21 @@ class Loop:
         return part
 
     def chosen_loops(self, chosen: Any, seating: Seating, lengths: list[Number]) -> tuple[Loop, Seating, list[Number]]:
-        """Loops, seatings and strand lengths of chosen variants; the same objects where all are."""
+        """Loops, seatings and strand lengths of chosen variants."""
         if not has_arrays(chosen) or chosen.all():
             return self, seating, lengths
         places = np.flatnonzero(chosen)
-        return self.of(places), seating.of(places), [pick_places(length, places) for length in lengths]
+        return (
+            self.pick_variants(places),
+            seating.pick_variants(places),
+            [pick_places(length, places) for length in lengths],
+        )
 
     def keep_laid_links(self, chosen: Places, part: Loop) -> None:
-        """Keeps the lengths of links on strings found for some variants."""
+        """Keeps the laid links' lengths that `part` found for chosen variants."""
 
         def put(old: Number, new: Number) -> Number:
-            """Column of all variants with new values of the chosen; a number stays one."""
+            """Column of all variants with new values of the chosen."""
             if not has_arrays(old, new):
                 return new
             column = np.array(np.broadcast_to(old, self.variants))
@@ -241,7 +235,7 @@ class Loop:
         self.scales = {k: put(self.scales.get(k, scale), scale) for k, scale in part.scales.items()}
 
     def counted_seating(self, model: ChainModel, path: ChainPath) -> Seating:
-        """Seating with whole numbers and first angles, from the path in pitches."""
+        """Seating by counting pitches along the path."""
         arrival, wrap, length = (
             columns_of_table(table) for table in (path.arrival_angle, path.wrap_angle, path.strand_length)
         )
@@ -268,7 +262,7 @@ class Loop:
         return Seating(angles, seats, links, strain)
 
     def start_seating(self, counted: Seating) -> Seating:
-        """First guess of a seating: as counted, or another path's solution with equal counts."""
+        """First guess of a seating: as counted, or the last solution with equal counts."""
         before, self.counted = self.counted, counted
         solved = self.solved
         if solved is None or before is None or not self.remembers:
@@ -283,7 +277,7 @@ class Loop:
         return Seating(angles, seats, links, where(alike, solved.strain, counted.strain))
 
     def _check_counts(self, seats: Sequence[Any], links: Sequence[Any], path: ChainPath) -> None:
-        """Raises a DriveError where a sprocket has too few teeth or a strand no link."""
+        """Raises a DriveError where a sprocket lacks teeth for its seats, or a strand links."""
         for s, name in enumerate(self.names):
             if is_true_somewhere(seats[s] > self.teeth[s]):
                 raise DriveError(
@@ -298,7 +292,7 @@ class Loop:
                 )
 
     def end_seat_angles(self, seating: Seating, k: int) -> tuple[Number, Number]:
-        """Polar angles of the last roller before strand k and the first after it [rad]."""
+        """Polar angles of the seated rollers before and after strand k [rad]."""
         following = (k + 1) % self.size
         leave = seating.first_angle[k] + (seating.seats[k] - 1) * self.step[k]
         arrive = seating.first_angle[following]
@@ -309,13 +303,13 @@ class Loop:
         return leave, arrive
 
     def string(self, seating: Seating, k: int) -> TautString | None:
-        """Taut string of strand k from seat to seat; None where it touches no guide."""
+        """Taut string of strand k from seat to seat, or None."""
         if not self.runs[k]:
             return None
         ends = self.end_seat_angles(seating, k)
         known = self.strings.get(k)
         if known is None or any(is_true_somewhere(old != new) for old, new in zip(known[0], ends, strict=True)):
-            first, last = self._seat(k, ends[0]), self._seat((k + 1) % self.size, ends[1])
+            first, last = self._seated_place(k, ends[0]), self._seated_place((k + 1) % self.size, ends[1])
             try:
                 string = taut_string(point_end(first), point_end(last), self.runs[k], self.last_arcs.get(k, ()))
             except TautError as error:
@@ -326,8 +320,8 @@ class Loop:
         string = self.strings[k][1]
         return string if string.touches else None
 
-    def _seat(self, s: int, polar: Number) -> tuple[Number, Number]:
-        """Place of a roller on sprocket s at a polar angle [m]."""
+    def _seated_place(self, s: int, polar: Number) -> tuple[Number, Number]:
+        """Place of a roller seated at a polar angle on sprocket s [m]."""
         radius, (x, y) = self.radius[s], unit_vector(polar)
         return self.x[s] + radius * x, self.y[s] + radius * y
 
@@ -349,7 +343,7 @@ class Loop:
         return _Strand(leaving, arriving, along, along, length)
 
     def laid_excess(self, seating: Seating, k: int) -> Number:
-        """Length of strand k's links, laid on its string, beyond its chain length [m]."""
+        """Length of strand k's links laid on its string beyond its chain length [m]."""
         string = self.string(seating, k)
         if string is None:
             return 0.0
@@ -372,7 +366,7 @@ class Loop:
         return [length if has_arrays(length) else float(length) for length in found]
 
     def solve_closure(self, seating: Seating, near: Number) -> None:
-        """Solves the closing conditions (a) for given counts; `near` as of `seat_chain`."""
+        """Solves a seating's closing conditions (a) for given counts, laid links to `near`."""
         part, mine, lengths = self, seating, self.unloaded_lengths(seating)
         todo = np.arange(self.variants)
         for _ in range(_LAYINGS if self.around else 1):
@@ -398,8 +392,8 @@ class Loop:
             part, mine, lengths = part.chosen_loops(further, mine, lengths)
 
     def _solve_conditions(self, seating: Seating, lengths: list[Number]) -> None:
-        """Solves the closing conditions; strands of a single link take no strain in a slack chain."""
-        self._newton(seating, lengths, lengths)
+        """Solves a seating's closing conditions (a) for given laid links."""
+        self._solve_by_newton(seating, lengths, lengths)
         slack = seating.strain < 0.0
         short = [slack & (links == 1) for links in seating.links]
         if not any(map(is_true_somewhere, short)):
@@ -408,18 +402,19 @@ class Loop:
         if is_true_somewhere(slack & (pairwise_sum(sagging) == 0.0)):
             raise DriveError("chain.links: the chain is slack, but no strand has a second link with which to sag")
         if not has_arrays(slack):
-            self._newton(seating, lengths, sagging)
+            self._solve_by_newton(seating, lengths, sagging)
             return
         chosen = np.flatnonzero(np.any(short, axis=0))
-        mine = seating.of(chosen)
+        mine = seating.pick_variants(chosen)
         own, elastic = ([pick_places(value, chosen) for value in values] for values in (lengths, sagging))
-        self.of(chosen)._newton(mine, own, elastic)
+        self.pick_variants(chosen)._solve_by_newton(mine, own, elastic)
         seating.set_variants(chosen, mine)
 
-    def _newton(self, seating: Seating, lengths: list[Number], elastic: list[Number]) -> None:
-        """Solves (a) by Newton's method; `elastic` is the part of each strand's length that takes the strain [m].
+    def _solve_by_newton(self, seating: Seating, lengths: list[Number], elastic: list[Number]) -> None:
+        """Solves a seating's closing conditions (a) by Newton's method.
 
-        Column `driver` of the Jacobian is the strain's.
+        Args:
+            elastic: parts of the strands' lengths that take the strain (S,) [m].
         """
         angles = [s for s in range(self.size) if s != self.driver]
         part, mine, todo, worst = self, seating, np.arange(self.variants), math.inf
@@ -439,7 +434,7 @@ class Loop:
                 lengths, elastic, residual = (
                     [pick_places(c, left) for c in own] for own in (lengths, elastic, residual)
                 )
-                part, mine = part.of(left), mine.of(left)
+                part, mine = part.pick_variants(left), mine.pick_variants(left)
             try:
                 solved = np.linalg.solve(jacobian, -table_of_columns(residual, part.variants)[..., None])[..., 0]
             except np.linalg.LinAlgError:
@@ -459,7 +454,7 @@ class Loop:
     def _conditions(
         self, seating: Seating, lengths: list[Number], elastic: list[Number]
     ) -> tuple[list[Number], NDArray[np.float64]]:
-        """Residual of (a) (S,) [m], and its Jacobian (V, S, S)."""
+        """Residual (S,) of the closing conditions (a) [m], and Jacobian (V, S, S)."""
         residual, jacobian = [], np.zeros((self.variants, self.size, self.size))
         for k in range(self.size):
             following = (k + 1) % self.size
@@ -467,7 +462,7 @@ class Loop:
             (cl, sl), (ca, sa), (x, y), (u, v) = strand.leaving, strand.arriving, strand.first, strand.final
             jacobian[:, k, following] = self.radius[following] * (v * ca - u * sa)
             jacobian[:, k, k] = -self.radius[k] * (y * cl - x * sl)
-            jacobian[:, k, self.driver] = -elastic[k]
+            jacobian[:, k, self.driver] = -elastic[k]  # the strain's column
             residual.append(strand.length - lengths[k] - elastic[k] * seating.strain)
         if self.open:  # the gap between the ends closes by itself, and the angle of the last end is its own
             jacobian[:, -1] = 0.0
@@ -475,7 +470,7 @@ class Loop:
         return residual, jacobian
 
     def adjust_seats(self, seating: Seating) -> Any:
-        """Adds and gives back seats at strands' ends, but the driver's first; returns where any changed."""
+        """Adds and gives back seats at strands' ends; returns where any changed."""
         link = self.pitch * (1.0 + maximum(seating.strain, 0.0))
         changed = link != link  # False, or an array of it
         for k in range(self.size):
@@ -495,13 +490,14 @@ class Loop:
         return changed
 
     def _seat_change(self, seating: Seating, k: int, s: int, inward: Number, link: Number) -> Number:
-        """Seats to add on sprocket s where strand k ends on it: +1, -1 or 0.
+        """Seats to add on sprocket s where strand k ends: +1, -1 or 0.
 
-        `inward` is the cosine between the strand towards the sprocket and the seat's outward vector. The next roller of
-        a
-        straight strand, a link L away, is in the next gap if inward > L / (2 R).
+        Args:
+            inward: cosine between the strand towards the sprocket and the seat's outward vector.
+            link: length of a link [m].
         """
         radius, seats = self.radius[s], seating.seats[s]
+        # a straight strand's next roller, a link L away, is in the next gap if inward > L / (2 R)
         inside = link * (link - 2.0 * radius * inward) < -_TIE * self.pitch * radius
         outside = -inward > math.sin((0.5 + _SPARE) * self.pitch_angle[s])
         more = inside & (seating.links[k] > 1) & (seats < self.teeth[s])
@@ -510,12 +506,11 @@ class Loop:
 
 @dataclass(frozen=True)
 class _Strand:
-    """Strand from seat to seat.
+    """Strand from seat to seat, of a seating.
 
     Attributes:
-        leaving, arriving: (2,) outward unit vectors of the seats at its ends.
+        leaving, arriving: (2,) outward unit vectors of its end seats.
         first, final: (2,) its unit vectors there.
-        length: [m].
     """
 
     leaving: tuple[Number, Number]

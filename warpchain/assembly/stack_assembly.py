@@ -29,11 +29,11 @@ from warpchain.model.trains import has_trains
 Places = NDArray[np.int64]
 
 PULLING_CHAIN_KEYS = "stiffness", "roller_mass", "mass_per_length"
-"""Keys of a chain that pull an arm or an end, or make an arm's stops stiff."""
+"""Keys of a chain that pull an arm or end, or stiffen stops."""
 LAYOUT_FREE_KEYS = frozenset(("inertia", "load", "bearing"))
-"""Keys of a sprocket that its layout does not depend on."""
+"""Keys of a sprocket that its layout is free of."""
 WEIGHT_KEYS = frozenset(("mass", "balance_wheel"))
-"""Keys of a sprocket that only weigh on an arm or an end."""
+"""Keys of a sprocket that only weigh on arms or ends."""
 
 
 @dataclass(frozen=True)
@@ -66,7 +66,7 @@ class Assemblies(Sequence[Assembly]):
         return Assemblies(self.blocks, self.block[which], self.row[which])
 
     def states_by_block(self, members: Places) -> Iterator[tuple[Places, Assembly]]:
-        """Yields initial states block by block: places (K,) in `members`, and states (K, ...)."""
+        """Yields initial states by block: places (K,) in `members`, and states (K, ...)."""
         mine = self.block[members]
         for block in np.unique(mine).tolist():
             places, state = np.flatnonzero(mine == block), self.blocks[block]
@@ -119,7 +119,7 @@ def assemble_stacks(stacks: Sequence[Stack], numbers: Places | None = None) -> A
 
 
 def _stack_of_layouts(model: ChainModel, count: int) -> tuple[ChainModel, Places]:
-    """Stack of the distinct layouts of another, and the layout of each variant (V,)."""
+    """Stack of the distinct layouts of another, and each variant's layout (V,)."""
     if count == 1:
         return model, np.zeros(1, dtype=np.int64)
     one, own = pick_variants(model, 0), _layout_values(model)
@@ -146,7 +146,7 @@ def _stack_of_layouts(model: ChainModel, count: int) -> tuple[ChainModel, Places
 
 
 def _layout_key(model: ChainModel) -> Hashable:
-    """Layout of one drive as a hashable key; with arms, what pulls and pushes them counts."""
+    """Hashable key of a drive's layout, with what turns its arms."""
     own = _layout_values(model)
     values = [value for of in (own["chain"], *own["sprockets"], *own["shafts"], own["run"]) for value in of.values()]
     tied = tuple(body_ties(model)) if has_trains(model) else ()
@@ -154,7 +154,7 @@ def _layout_key(model: ChainModel) -> Hashable:
 
 
 def _layout_values(model: ChainModel) -> dict[str, Any]:
-    """Values of a drive's chain, sprockets, shafts and run that its layout depends on, by name."""
+    """Values of chain, sprockets, shafts and run that a layout depends on, by name."""
 
     def fields_of(part: Any, *names: str) -> dict[str, Any]:
         """Values of a part by name."""
@@ -181,7 +181,7 @@ def _layout_values(model: ChainModel) -> dict[str, Any]:
 def layout_faults_of_drives(
     models: Sequence[ChainModel], assemblies: Assemblies, stacks: Sequence[Stack] | None = None
 ) -> list[tuple[str, ...]]:
-    """Layout faults of each drive, a line each; drives of one state and one set of guides are checked once."""
+    """Layout faults of each drive, a line each; equal layouts are checked once."""
     found: list[tuple[str, ...]] = [()] * len(models)
     known: dict[tuple[int, ...], tuple[str, ...]] = {}
     for stack in stacks_of_drives(models) if stacks is None else stacks:
@@ -196,7 +196,7 @@ def layout_faults_of_drives(
 
 
 def layout_faults_line(layouts: Sequence[Sequence[str]]) -> str | None:
-    """Layout faults of variants in one line; None where there are none."""
+    """Layout faults of variants in one line; None without any."""
     wrong = [v for v, found in enumerate(layouts) if found]
     if not wrong:
         return None

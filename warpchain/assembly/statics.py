@@ -1,8 +1,7 @@
 """Statics of a drive in steady motion: equilibrium of rollers, sprockets and moving centers.
 
-That is a run's mean without vibration and friction: loads at speed, centrifugal force, weight, mounts, teeth and
-guides. States are averaged over a tooth pitch, in equal steps of the driver. Each minimizes the energy of
-`warpchain.assembly.potential` by Newton's method with a shift of the Hessian (Levenberg, Marquardt).
+Means over a tooth pitch without vibration and friction; each state minimizes the energy of `potential` by Newton's
+method with a shift of the Hessian (Levenberg, Marquardt).
 """
 
 from __future__ import annotations
@@ -42,7 +41,7 @@ MOST = 2000
 """Most links of a chain whose steady state is sought; that takes 20 s."""
 
 _SOFTER = (0.01, 0.1)
-"""Relative contact stiffnesses of the first guesses, for tight or hard pockets in which a chain creeps."""
+"""Relative contact stiffnesses of first guesses, for tight or hard pockets."""
 
 _ITERATIONS = 400
 _ACCURACY = 1e-4  # of the largest force at work: what is left on any coordinate
@@ -59,13 +58,13 @@ class Steady:
     """Steady state of a drive of S sprockets: means over a tooth pitch.
 
     Attributes:
-        tension: (S,) mean tension of strand k's links, centrifugal part included [N].
+        tension: (S,) of strand k's links, centrifugal part included [N].
         centrifugal: m v^2 / p [N].
-        displacement: (S,) of the chain at mid-strand from the nominal line, left of its travel positive [m].
-        center: (S, 2) sprocket centers [m].
-        arm_angle: (A,) angles of the arms [rad].
-        twist, torque: (C,) of the couplings [rad], and what they take from their first bodies [N m].
-        failure: why no equilibrium was found; the other values are then void. None where it was.
+        displacement: (S,) at mid-strand from the nominal line, left of its travel positive [m].
+        center: (S, 2) sprockets [m].
+        arm_angle: (A,) [rad].
+        twist, torque: (C,) of couplings [rad], and on them from their first bodies [N m].
+        failure: why no equilibrium was found, which voids the rest; else None.
         residual: largest force that is left over the largest that acts [-].
     """
 
@@ -81,9 +80,9 @@ class Steady:
 
 
 def load_moments(model: ChainModel, speed: float | Array) -> Array:
-    """Mean load moments of sprockets and shafts (S + H, ...), less motors beside the driving one [N m].
+    """Mean load moments against forward rotation, less further motors' (S + H, ...) [N m].
 
-    Against forward rotation, at the driver's speed (...) [rad/s]; 0 on prescribed bodies.
+    At the driver's speed (...) [rad/s]; 0 on prescribed bodies.
     """
     found = np.zeros((len(model.sprockets) + len(model.shafts), *np.shape(speed)))
     for b, load in free_body_loads(model):
@@ -100,15 +99,15 @@ def load_moments(model: ChainModel, speed: float | Array) -> Array:
     return found
 
 
-def running(
+def at_work(
     model: ChainModel, assembly: Assembly | None = None, speed: float | None = None, moments: Array | None = None
 ) -> Steady:
-    """Steady state at the driver's top speed under load, of an open chain at rest; takes some tenths of a second.
+    """Steady state at work under load, of an open chain at rest.
 
     Args:
         assembly: its own, if known.
-        speed: of the driver, in place of its top speed [rad/s].
-        moments: (S + H,) against forward rotation, in place of `load_moments` [N m].
+        speed: of the driver, else its top speed [rad/s].
+        moments: (S + H,) against forward rotation, else `load_moments` [N m].
 
     Raises:
         DriveError: a chain that does not fit.
@@ -127,7 +126,7 @@ def running(
 
 
 def at_rest(model: ChainModel, assembly: Assembly | None = None) -> Steady:
-    """Steady state at rest without loads, couplings in the middle of their play.
+    """Steady state at rest without loads, couplings in mid-play.
 
     Raises:
         DriveError: a chain that does not fit.
@@ -140,7 +139,7 @@ def at_rest(model: ChainModel, assembly: Assembly | None = None) -> Steady:
 
 
 def _unknown_state(model: ChainModel, assembly: Assembly, frequency: float, failure: str) -> Steady:
-    """Steady state of a drive whose equilibrium was not found."""
+    """Steady state, NaN with the reason, where no equilibrium was found."""
     nothing = np.full(len(model.sprockets), math.nan)
     centrifugal = model.chain.mass * model.chain.pitch * frequency**2
     slack = np.full(len(model.couplings), math.nan)
@@ -148,7 +147,7 @@ def _unknown_state(model: ChainModel, assembly: Assembly, frequency: float, fail
 
 
 def _steady_state(model: ChainModel, assembly: Assembly, frequency: float, moments: Array) -> Steady:
-    """Steady state of a drive, averaged over a tooth pitch."""
+    """Steady state at links a second [Hz] under moments (S + H,)."""
     if model.chain.rollers > MOST:
         return _unknown_state(model, assembly, frequency, f"not sought for a chain of more than {MOST} links")
     goods = goods_on_pins(model, assembly.path, assembly.position)
@@ -160,7 +159,7 @@ def _steady_state(model: ChainModel, assembly: Assembly, frequency: float, momen
         if phase:
             x, residual = solver.settle(_advanced_guess(potential, x, 1.0 / PHASES))
         else:
-            x, residual = solver.begin(x)
+            x, residual = solver.settle_assembled(x)
         seen = potential.split(x)[1], potential.arm_angles(x), *potential.torques(x)
         means.append((*_strand_values(potential, assembly, x), *seen))
         failure = solver.failure(x, residual)
@@ -175,7 +174,7 @@ def _steady_state(model: ChainModel, assembly: Assembly, frequency: float, momen
 
 
 def _assembled_coordinates(potential: Potential, assembly: Assembly) -> Array:
-    """Coordinates of an assembled chain."""
+    """Coordinates of an assembled chain's potential."""
     arms = np.array(assembly.arm_angle)
     for a, p in potential.hung:
         arms[a] += assembly.arm_angle[p]
@@ -186,12 +185,12 @@ def _assembled_coordinates(potential: Potential, assembly: Assembly) -> Array:
 
 
 def passing_rate(model: ChainModel, speed: float) -> float:
-    """Tooth frequency, rollers passing a point, at the driver's speed [rad/s], [Hz]."""
+    """Rollers that pass a point a second at the driver's speed [Hz]."""
     return speed * model.sprockets[model.driver].teeth / math.tau
 
 
 Joined = Sequence[Sequence[tuple[int, int]]]
-"""Shafts shared by chains: of each its (chain, body) pairs, bodies sprockets or shafts in their place."""
+"""Shafts shared by chains: of each its (chain, body) pairs."""
 
 
 def equilibrium(
@@ -201,14 +200,11 @@ def equilibrium(
     near: Sequence[Array] | None = None,
     shafts: Joined = (),
 ) -> tuple[list[Potential], list[Array]]:
-    """Potentials of a drive's chains, and the coordinates at which their sum is least.
+    """Potentials of a drive's chains, and the coordinates that minimize their sum.
 
     Args:
-        models: each chain as a drive of its own.
-        speeds: of their drivers [rad/s], for loads and chains.
-        assemblies: of the drives.
+        speeds: of the chains' drivers [rad/s].
         near: coordinates at a speed nearby.
-        shafts: that they have in common.
 
     Raises:
         SimulationError: a chain that does not stay on its sprockets, or that comes to no rest.
@@ -236,7 +232,7 @@ def equilibrium(
     if near is not None and residual <= _ENOUGH:
         found = begun
     else:
-        found, residual = solver.begin(found)
+        found, residual = solver.settle_assembled(found)
         if residual <= _ACCURACY:
             found, residual = solver.settle(found, _FINEST)
     if math.isinf(residual):
@@ -250,14 +246,14 @@ def equilibrium(
 
 
 def _held_angles(model: ChainModel) -> list[bool]:
-    """Whether angles of one of several chains are held: prescribed, or in the driver's train."""
+    """Whether angles of one of several chains are held."""
     led = any(isinstance(sprocket, LedSprocket) for sprocket in model.sprockets)
     bodies = range(len(model.sprockets) + len(model.shafts))
     return [not is_free_body(model, b) or (not led and is_held_body(model, b)) for b in bodies]
 
 
 def _advanced_guess(potential: Potential, x: Array, part: float) -> Array:
-    """First guess of the coordinates a part of a tooth pitch later, seated rollers turned with sprockets."""
+    """First guess of coordinates a part of a tooth pitch later."""
     x = x.copy()
     r, centers, angles = potential.split(x)
     before = r.copy()
@@ -277,7 +273,7 @@ def _advanced_guess(potential: Potential, x: Array, part: float) -> Array:
 
 
 def _strand_values(potential: Potential, assembly: Assembly, x: Array) -> tuple[Array, Array]:
-    """Mean tension of each strand's links (S,) [N], and displacement mid-strand (S,) [m]."""
+    """Strands' mean tensions (S,) [N], and displacements at their middles (S,) [m]."""
     r, _, _ = potential.split(x)
     tension, path = potential.tensions(x), assembly.path
     ends = np.roll(r, -1, axis=0)
@@ -311,36 +307,36 @@ class _Solver:
         self.pitch = min(of.model.chain.pitch for of in parts)
 
     def split(self, x: Array) -> list[Array]:
-        """Views of each chain's part of x."""
+        """Views of each chain's coordinates in x."""
         return [x[a:b] for a, b in pairwise(self.ends)]
 
-    def begin(self, x: Array) -> tuple[Array, float]:
-        """Equilibrium of the assembled state x, chains on the teeth on which they were laid; as `settle`."""
+    def settle_assembled(self, x: Array) -> tuple[Array, float]:
+        """Equilibrium from the assembled state x, chains on the teeth as laid; returns as `settle`."""
         found, residual = x, math.inf
         for softer in (_SOFTER, ()):
             found = x
             if any(of.play.any() for of in self.parts):
-                self._set("pulled", True)
+                self._set_in_potentials("pulled", True)
                 found, _ = self.settle(found, 10.0 * _ENOUGH)
-                self._set("pulled", False)
+                self._set_in_potentials("pulled", False)
             for softness in softer:
-                self._set("softness", softness)
+                self._set_in_potentials("softness", softness)
                 found, _ = self.settle(found, 10.0 * _ENOUGH)
-            self._set("softness", 1.0)
+            self._set_in_potentials("softness", 1.0)
             found, residual = self.settle(found)
-            if any(_slipped_sprocket(*of) is not None for of in self._each(found)):
+            if any(_slipped_sprocket(*of) is not None for of in self._chains_at(found)):
                 residual = math.inf
             if residual <= _ACCURACY:
                 break
         return found, residual
 
-    def _set(self, name: str, value: Any) -> None:
-        """Sets an attribute of all potentials."""
+    def _set_in_potentials(self, name: str, value: Any) -> None:
+        """Sets an attribute of all chains' potentials."""
         for potential in self.parts:
             setattr(potential, name, value)
 
-    def _each(self, x: Array) -> Iterator[tuple[Potential, Assembly, Array]]:
-        """Chains with their own parts of x."""
+    def _chains_at(self, x: Array) -> Iterator[tuple[Potential, Assembly, Array]]:
+        """Potential, assembly and part of x of each chain."""
         return zip(self.parts, self.assemblies, self.split(x), strict=True)
 
     def _terms(self, x: Array) -> EnergyTerms:
@@ -349,10 +345,7 @@ class _Solver:
         return found[0] if len(found) == 1 else stacked_terms(found)
 
     def settle(self, x: Array, enough: float = _ENOUGH) -> tuple[Array, float]:
-        """Equilibrium near x, and the largest force left over the largest at work.
-
-        Stops at `enough`, or below `_ENOUGH` where a whole Newton step no longer halves the forces.
-        """
+        """Equilibrium near x, and the largest force left over the largest at work."""
         shift, least = 1e-6 * self.stiffest, 1e-12 * self.stiffest
         terms = self._terms(x)
         self._move_levers(x)
@@ -379,8 +372,8 @@ class _Solver:
         return x, float(np.abs(slope).max()) / self.force
 
     def failure(self, x: Array, residual: float) -> str | None:
-        """Why x is no equilibrium, and what to do; None where it is one."""
-        for potential, assembly, own in self._each(x) if math.isinf(residual) else ():
+        """Reason why x is no equilibrium, and the remedy, or None."""
+        for potential, assembly, own in self._chains_at(x) if math.isinf(residual) else ():
             slipped = _slipped_sprocket(potential, assembly, own)
             if slipped is not None:
                 return (
@@ -407,7 +400,7 @@ class _Solver:
                 of[one.second][one.place :][:2] = np.array([-dy, dx]) * of[0][potential.first_arm + one.arm]
 
     def _solve(self, curvature: csc_matrix, slope: Array, shift: float) -> Array:
-        """Newton step of the free coordinates, with a shift of the Hessian's diagonal."""
+        """Newton step of the free coordinates, the Hessian's diagonal shifted."""
         from scipy.sparse.linalg import splu
 
         shifted = curvature.copy()
@@ -416,7 +409,7 @@ class _Solver:
 
 
 def _largest_force(potential: Potential, assembly: Assembly) -> float:
-    """Largest force at work on a chain and on what moves with it [N]."""
+    """Largest force on a chain and what moves with it [N]."""
     chain = potential.model.chain
     return max(
         chain.stiffness * assembly.path.pitch * max(assembly.strain, 0.0),
@@ -430,7 +423,7 @@ def _largest_force(potential: Potential, assembly: Assembly) -> float:
 
 
 def _coordinate_name(potential: Potential, assembly: Assembly, i: int) -> str:
-    """Name of the drive's part to which coordinate i belongs."""
+    """Name of the drive's part of coordinate i."""
     model, rollers, sprockets = potential.model, potential.rollers, potential.sprockets
     if i >= potential.first_pivot:
         i = potential.first_arm + potential.hung[(i - potential.first_pivot) // 2][0]
@@ -449,7 +442,7 @@ def _coordinate_name(potential: Potential, assembly: Assembly, i: int) -> str:
 
 
 def _slipped_sprocket(potential: Potential, assembly: Assembly, x: Array) -> int | None:
-    """Sprocket whose teeth the chain has left amid its wrap, or None."""
+    """Index of the sprocket whose teeth the chain has left amid its wrap, or None."""
     r, centers, angles = potential.split(x)
     for s, sprocket in enumerate(potential.model.sprockets):
         rollers = np.flatnonzero(assembly.seat_sprocket == s)
@@ -464,7 +457,7 @@ def _slipped_sprocket(potential: Potential, assembly: Assembly, x: Array) -> int
 
 
 def _free_coordinates_of_chains(parts: Sequence[Potential], shafts: Joined) -> tuple[list[Map], int]:
-    """Free coordinates of chains with shared shafts: columns, weights (twice with arms on arms), count."""
+    """Free coordinates of chains with shared shafts: columns, weights, count."""
     columns, weights, seconds, count = [], [], [], 0
     for potential in parts:
         column, weight, own = _free_coordinates(potential)
@@ -491,10 +484,9 @@ def _free_coordinates_of_chains(parts: Sequence[Potential], shafts: Joined) -> t
 
 
 def _free_coordinates(potential: Potential) -> tuple[NDArray[np.int64], Array, int]:
-    """Free coordinates of a chain: column and weight of each, 0 and 0 for held ones, and their count.
+    """Free coordinates of a chain, dx_i = weight_i dy_column(i): columns, weights, count.
 
-    dx_i = weight_i dy_column(i). Angles count as lengths; a train has one, its first body's; weights of carried places
-    are `_Solver`'s.
+    Angles count as lengths; weights of carried places are `_Solver`'s.
     """
     n, s = 2 * potential.rollers, potential.sprockets
     column, weight, count = np.zeros(potential.size, dtype=np.int64), np.zeros(potential.size), n

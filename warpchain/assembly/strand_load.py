@@ -1,4 +1,4 @@
-"""Goods on a strand: the line on which they lie, and what of them pins carry (`kernels.physics.strand_load`)."""
+"""Goods on a strand: the line on which they lie, and the part that pins carry."""
 
 from __future__ import annotations
 
@@ -17,13 +17,13 @@ Array = NDArray[np.float64]
 
 
 class LoadLine(NamedTuple):
-    """Line on which goods lie; each number () or (V,).
+    """Line on which goods lie; numbers () or (V,).
 
     Attributes:
         start: (..., 2) where they come on [m].
-        direction: (..., 2) of the strand.
+        direction: (..., 2).
         length: over which they lie [m].
-        reach: pins nearer to the line carry them [m].
+        reach: distance within which pins carry them [m].
     """
 
     start: Array
@@ -39,10 +39,7 @@ def loaded_strand(model: ChainModel) -> int:
 
 
 def load_line(model: ChainModel, path: ChainPath) -> LoadLine:
-    """Line on which the goods of a chain lie.
-
-    Nearer than the smaller of the two pitch radii no other strand comes.
-    """
+    """Line on which a chain's goods lie."""
     load, k = model.chain.load, loaded_strand(model)
     assert load is not None
     first, last = path.strand_start[..., k, :], path.strand_end[..., k, :]
@@ -57,7 +54,7 @@ def load_line(model: ChainModel, path: ChainPath) -> LoadLine:
 
 
 def carried_part(position: Array, line: LoadLine, pitch: float) -> Array:
-    """Part (N,) of a pitch's goods on a line that pins at `position` (N, 2) carry; (1) of the kernels."""
+    """Part (N,) of a pitch's goods that pins at `position` (N, 2) carry (`kernels.physics.strand_load`)."""
     away = position - line.start
     along, across = away @ line.direction, away[:, 0] * line.direction[1] - away[:, 1] * line.direction[0]
     part = np.clip(along / pitch + 0.5, 0.0, 1.0) - np.clip((along - line.length) / pitch + 0.5, 0.0, 1.0)
@@ -65,7 +62,7 @@ def carried_part(position: Array, line: LoadLine, pitch: float) -> Array:
 
 
 def goods_on_pins(model: ChainModel, path: ChainPath, position: Array) -> Array:
-    """Masses (N,) of the goods on the pins at `position` (N, 2) [kg]."""
+    """Masses (N,) of the goods on pins at `position` (N, 2) [kg]."""
     load, pitch = model.chain.load, model.chain.pitch
     if load is None:
         return np.zeros(len(position))
@@ -73,10 +70,10 @@ def goods_on_pins(model: ChainModel, path: ChainPath, position: Array) -> Array:
 
 
 def check_load_places(model: ChainModel, path: ChainPath) -> None:
-    """Refuses goods that lie beyond their strand, on paths of a stack of variants.
+    """Refuses goods that lie beyond their strand.
 
     Raises:
-        DriveError: of the first such variant.
+        DriveError: of the first such variant of a stack.
     """
     load = model.chain.load
     if load is None:

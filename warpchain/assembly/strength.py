@@ -1,4 +1,4 @@
-"""Safety of a chain of ISO 606 at work against breaking and yield, and the pressure in its joints."""
+"""Safety of a chain of ISO 606 against breaking and yield, and joint pressure."""
 
 from __future__ import annotations
 
@@ -12,13 +12,13 @@ from warpchain.model import ChainModel
 from warpchain.model.trains import body_speed_ratio, free_body_loads, is_held_body
 
 LEAST_STATIC, LEAST_DYNAMIC = 7.0, 5.0
-"""Least breaking load over the largest tension at work, and over that with the loads' peaks."""
+"""Least breaking load over the tension at work, and over that with peaks."""
 YIELD = 0.7
 """Tension at which links begin to yield, over the breaking load."""
 
 
-def _peak_moment(load: Load) -> float:
-    """Largest moment of a load over its mean [N m]: all harmonics at once, and its table."""
+def _load_peak_moment(load: Load) -> float:
+    """Largest moment of a load over its mean, all harmonics at once [N m]."""
     found = sum(abs(h.amplitude) for h in load.harmonics)
     if load.table is not None:
         over, values = load.table.over, load.table.values
@@ -28,13 +28,13 @@ def _peak_moment(load: Load) -> float:
 
 
 def peak_tension(model: ChainModel) -> float:
-    """Tension that the loads' peaks add to the chain, all at once [N]."""
+    """Tension that the loads' peaks add to the chain at once [N]."""
     found = 0.0
     for b, load in free_body_loads(model):
         s = nearest_sprocket(model, b)
         if s is not None and not is_held_body(model, s):
             beside = 1.0 if b == s else abs(body_speed_ratio(model, b, s))
-            found += beside * _peak_moment(load) / model.pitch_radius(s)
+            found += beside * _load_peak_moment(load) / model.pitch_radius(s)
     return found
 
 
@@ -49,11 +49,11 @@ class HardestPull(NamedTuple):
 def strength_values(
     model: ChainModel, tensions: Sequence[float], run_up: HardestPull | None = None
 ) -> dict[str, Any] | None:
-    """Safeties of a chain and joint pressure by name, in SI units; None without a breaking load or a tension.
+    """Safeties of a chain and joint pressure by name, in SI units; None without breaking load or tension.
 
     Args:
         tensions: of the strands at work [N].
-        run_up: where the chain pulls harder on the way there.
+        run_up: harder pull on the way there.
     """
     load, area = model.chain.breaking_load, model.chain.joint_area
     if load is None or not len(tensions) or max(tensions) <= 0.0:
@@ -76,7 +76,7 @@ def strength_values(
 
 
 def strength_advice(model: ChainModel, tensions: Sequence[float], run_up: HardestPull | None = None) -> list[str]:
-    """Advice, at most a line, on too small a safety: yield, static or dynamic."""
+    """Advice on too small a safety: yield, static or dynamic."""
     found, load = strength_values(model, tensions, run_up), model.chain.breaking_load
     if found is None or load is None:
         return []

@@ -38,7 +38,7 @@ from warpchain.model.friction_coefficients import guide_friction_coefficients, t
 from warpchain.model.mounts import has_active_mount, mount_frequencies, moving_mass, wheel_force
 
 _ROUND = 1e-3
-"""Relative rounding at which a file's step still counts as the automatic one."""
+"""Relative rounding of the automatic step in a file."""
 
 __all__ = ["derive", "report", "strand_frequency", "working_tensions"]
 
@@ -46,11 +46,12 @@ __all__ = ["derive", "report", "strand_frequency", "working_tensions"]
 def working_tensions(
     model: ChainModel, preload: float, links: list[int], speed: float | None = None, moments: NDArray[Any] | None = None
 ) -> list[float]:
-    """Quick estimate of each strand's working tension [N], from moments and centrifugal force.
+    """Quick estimate of the strands' working tensions [N]: preload, loads / pitch radius, and (m / p) v^2.
 
-    Without mounts, seats, guides and weight; arguments as of `warpchain.assembly.statics.running`. Past a driven
-    sprocket tension rises by load / pitch radius; the mean elongation stays that of the preload unless the slackest
-    strand would push; centrifugal force adds (m / p) v^2.
+    Args:
+        preload: at assembly [N].
+        links: of the strands.
+        speed, moments: as of `warpchain.assembly.statics.at_work`.
     """
     speed = model.driver_speed if speed is None else speed
     moments = statics.load_moments(model, speed) if moments is None else moments
@@ -62,7 +63,7 @@ def working_tensions(
 
 
 def _links_and_joints(model: ChainModel) -> dict[str, Any]:
-    """Values of joints, outer links and play that are set."""
+    """Values of `check` on joints, outer links and play that are set."""
     chain = model.chain
     found: dict[str, Any] = {}
     if chain.joint is not None:
@@ -82,8 +83,7 @@ def _links_and_joints(model: ChainModel) -> dict[str, Any]:
 def derive(drive: Drive) -> dict[str, Any]:
     """Derived quantities of a drive by name, in SI units; docs/scripts.md lists the keys.
 
-    Without a steady state `tensions_estimated` says why, and tensions are preload and `working_tensions`. Of several
-    chains "chains" has those of each.
+    Without a steady state `tensions_estimated` says why. Of several chains "chains" has those of each.
 
     Raises:
         DriveError: a chain that does not fit, chains of one plane that cross, or a step beyond its limit.
@@ -104,12 +104,12 @@ def derive(drive: Drive) -> dict[str, Any]:
 
 
 def _derive_chain(model: ChainModel, assembly: Assembly, passed: RunUp, step_advice: list[str]) -> dict[str, Any]:
-    """Derived quantities of one chain with its driver's run-up, without the whole drive's."""
+    """Derived quantities of one chain with its driver's run-up, by name."""
     path, count = assembly.path, len(model.sprockets)
     preload = max(0.0, model.chain.mean_stiffness * path.pitch * assembly.strain)
     driver, speed = model.sprockets[model.driver], model.driver_speed
     moments = run_up.run_up_moments(model, passed)
-    resting, running = statics.at_rest(model, assembly), statics.running(model, assembly, speed, moments[:, -1])
+    resting, running = statics.at_rest(model, assembly), statics.at_work(model, assembly, speed, moments[:, -1])
     strands = _strand_values(model, assembly, preload, resting, running, moments[:, -1])
     hardest = _hardest_pull(model, assembly, preload, passed, moments)
     working = path_at(model, running.arm_angle.tolist()) if model.arms and not running.failure else path
@@ -182,7 +182,7 @@ def _derive_chain(model: ChainModel, assembly: Assembly, passed: RunUp, step_adv
 
 
 def _driver_values(model: ChainModel, passed: RunUp) -> dict[str, Any]:
-    """Values of the driver at the start and at work."""
+    """Values of `check` on the driver at the start and at work."""
     speed, acceleration = passed.at(-1)
     prescribed = part_of_body(model, driving_body(model)).prescribed is not None
     return {
@@ -197,19 +197,19 @@ def _driver_values(model: ChainModel, passed: RunUp) -> dict[str, Any]:
 def _hardest_pull(
     model: ChainModel, assembly: Assembly, preload: float, passed: RunUp, moments: NDArray[Any]
 ) -> HardestPull | None:
-    """Hardest pull on the chain on its way to work; None where none exceeds that at work."""
+    """Hardest pull on the chain on its way to work; None where none exceeds work's."""
     k = run_up.hardest_place(model, passed, moments)
     if k < 0:
         return None
     speed, acceleration = passed.at(k)
-    found = statics.running(model, assembly, speed, moments[:, k])
+    found = statics.at_work(model, assembly, speed, moments[:, k])
     links = [int(n) for n in assembly.strand_links]
     tensions = working_tensions(model, preload, links, speed, moments[:, k]) if found.failure else found.tension
     return HardestPull(float(max(tensions)), speed, acceleration)
 
 
 def _temperature_values(drive: Drive) -> dict[str, Any]:
-    """Values of temperature, thermal growth and oils; none where the drive sets no temperature."""
+    """Values of `check` on temperature, growth and oils, if set."""
     if drive.temperature is None:
         return {}
     found: dict[str, Any] = {of: expansion_factor(drive, of) - 1.0 for of in Expansion.model_fields}
@@ -218,7 +218,7 @@ def _temperature_values(drive: Drive) -> dict[str, Any]:
 
 
 def _step_values(drive: Drive) -> dict[str, Any]:
-    """Values of the time step and its limits."""
+    """Values of `check` on the time step and its limits."""
     return {
         "step": resolve_step(drive),
         "step_limit": step_limit(drive),
@@ -228,7 +228,7 @@ def _step_values(drive: Drive) -> dict[str, Any]:
 
 
 def _shaft_values(model: Model) -> list[dict[str, Any]]:
-    """Shared shafts of a drive: sprockets, speeds [rad/s] and ratios to the driver."""
+    """Values of `check` on shared shafts: sprockets, speeds [rad/s], ratios."""
     ratios, speed = model.shaft_ratios, model.driver_speed
     return [
         {
@@ -244,7 +244,7 @@ def _shaft_values(model: Model) -> list[dict[str, Any]]:
 def _guide_values(
     model: ChainModel, path: ChainPath, strands: list[dict[str, Any]], running: Steady
 ) -> list[dict[str, Any]]:
-    """Values of roller contact with each guide-bar, and where the chain lies on it at work."""
+    """Values of `check` on guides: contact, and the chain's touch at work."""
     pull = [strand["working_tension"] - running.centrifugal for strand in strands]
     return [
         {
@@ -268,7 +268,7 @@ def _fault_and_advice_lines(
     hardest: HardestPull | None,
     rated: list[str],
 ) -> dict[str, list[str]]:
-    """Layout faults and advice of a chain, with advice on rating and time step."""
+    """Layout faults, and advice on layout, rating and strength, by name."""
     path, strain = assembly.path, assembly.strain
     rules = layout_advice(model, path, [strand["working_tension"] for strand in strands], working, hardest)
     return {
@@ -284,7 +284,7 @@ def _fault_and_advice_lines(
 
 
 def _step_advice(values: dict[str, Any]) -> list[str]:
-    """Advice on a time step above the largest that keeps 1 %."""
+    """Advice of `check` on a time step too large for 1 %."""
     step, largest = values["step"], values["automatic_step"]
     if step <= largest * (1.0 + _ROUND):
         return []
@@ -297,7 +297,7 @@ def _step_advice(values: dict[str, Any]) -> list[str]:
 def _strand_values(
     model: ChainModel, assembly: Assembly, preload: float, resting: Steady, running: Steady, moments: NDArray[Any]
 ) -> list[dict[str, Any]]:
-    """Values of each strand; without a steady state preload and `working_tensions`."""
+    """Values of `check` on strands, estimated without a steady state."""
     links = [int(n) for n in assembly.strand_links]
     still, working = resting.tension, running.tension
     if resting.failure:
@@ -328,7 +328,7 @@ def _strand_values(
 
 
 def table_lines(head: tuple[str, ...], rows: list[tuple[str, ...]]) -> list[str]:
-    """Lines of a text table: first column to the left, others to the right."""
+    """Lines of a text table, first column to the left."""
     widths = [max(map(len, column)) for column in zip(head, *rows, strict=True)]
     return [
         "  "
@@ -338,7 +338,7 @@ def table_lines(head: tuple[str, ...], rows: list[tuple[str, ...]]) -> list[str]
 
 
 def _size_lines(values: dict[str, Any]) -> list[str]:
-    """Report lines on catalog data of a chain that names its size."""
+    """Report lines on the catalogue's data of a chain's size."""
     if values["size"] is None:
         return []
     chain = CHAINS[values["size"]]
@@ -359,7 +359,7 @@ def _size_lines(values: dict[str, Any]) -> list[str]:
 
 
 def _strength_lines(found: dict[str, Any] | None, area: str) -> list[str]:
-    """Report lines on safeties and joint pressure on an `area`; none without a tension at work."""
+    """Report lines on safeties and pressure on a joint's `area`."""
     if found is None:
         return []
     way, passed = found["run_up"], ""
@@ -383,7 +383,7 @@ def _strength_lines(found: dict[str, Any] | None, area: str) -> list[str]:
 
 
 def _step_lines(values: dict[str, Any]) -> list[str]:
-    """Report lines on the time step, its limit for 1 %, half and double of it."""
+    """Report lines on the time step and its limits."""
     step, limit, largest = values["step"], values["step_limit"], values["automatic_step"]
     silent = all(of["kind"] == "silent" for of in values.get("chains", {"": values}).values())
     single = "single pins" if silent else "single rollers"
@@ -397,7 +397,7 @@ def _step_lines(values: dict[str, Any]) -> list[str]:
 
 
 def _driver_lines(found: dict[str, Any]) -> list[str]:
-    """Report line on the speed of a driver that motors and loads turn."""
+    """Report line on a driver that motors and loads turn."""
     if found["prescribed"]:
         return []
     gains, start = found["acceleration"], f'speed: "{found["name"]}" has {found["start"]:.4g} rad/s at the start'
@@ -479,7 +479,7 @@ def _strand_lines(values: dict[str, Any]) -> list[str]:
 
 
 def _guide_lines(values: dict[str, Any]) -> list[str]:
-    """Report lines on contacts with guide-bars."""
+    """Report lines on contacts with guides."""
     if not values["guides"]:
         return []
     head: tuple[str, ...] = ("guide-bar", "contact stiffness", "law", "rebound")
@@ -513,7 +513,7 @@ def _touch_lines(values: dict[str, Any]) -> list[str]:
 
 
 def _cell_texts(values: list[float | None], text: str) -> tuple[str, ...]:
-    """Table cell texts of values."""
+    """Texts of values for a report's table, "-" for None."""
     return tuple("-" if value is None else text.format(value + 0.0) for value in values)
 
 
@@ -537,7 +537,8 @@ def _arm_lines(values: dict[str, Any]) -> list[str]:
                 t["name"],
                 t["on"],
                 *_cell_texts(
-                    [_millis(t[key]) for key in ("extension", "standing_extension", "working_extension")], "{:+.3f} mm"
+                    [_thousandths(t[key]) for key in ("extension", "standing_extension", "working_extension")],
+                    "{:+.3f} mm",
                 ),
                 "-" if t["static_pressure"] is None else f"{1e-5 * t['static_pressure']:.4g} bar",
                 *_cell_texts([t["working_force"] if t["working_force"] is not None else t["force"]], "{:.4g} N"),
@@ -549,7 +550,7 @@ def _arm_lines(values: dict[str, Any]) -> list[str]:
     return lines
 
 
-def _millis(value: float | None) -> float | None:
+def _thousandths(value: float | None) -> float | None:
     """A value in thousandths of its unit; None stays."""
     return None if value is None else 1e3 * value
 
@@ -593,7 +594,7 @@ def _train_lines(values: dict[str, Any]) -> list[str]:
                 f"{1e3 * c['lash']:.4g} mrad",
                 ", ".join(f"{ratio:.4g}" if ratio else "open" for ratio in c["ratios"] or (1.0,)),
                 *_cell_texts([c["clutch"]], "{:.4g} N m"),
-                *_cell_texts([_millis(c["working_twist"])], "{:+.4g} mrad"),
+                *_cell_texts([_thousandths(c["working_twist"])], "{:+.4g} mrad"),
                 *_cell_texts([c["working_torque"]], "{:+.4g} N m"),
             )
             for c in values["couplings"]
@@ -647,7 +648,7 @@ def _mount_lines(values: dict[str, Any]) -> list[str]:
 
 
 def report(values: dict[str, Any]) -> str:
-    """Report of the derived quantities as text for a terminal."""
+    """Report of `check` on a drive's derived quantities, for a terminal."""
     if "chains" in values:
         return "\n".join([*_temperature_lines(values), *_text_of_chains(values)])
     return "\n".join([*_temperature_lines(values), *_chain_lines(values), *_step_lines(values)])
@@ -664,7 +665,7 @@ def _temperature_lines(values: dict[str, Any]) -> list[str]:
 
 
 def _text_of_chains(values: dict[str, Any]) -> list[str]:
-    """Report of several chains."""
+    """Report lines on several chains."""
     lines: list[str] = []
     for name, chain in values["chains"].items():
         lines += [f'=== chain "{name}"', *_chain_lines(chain), ""]
@@ -685,7 +686,7 @@ def check_findings(drive: Drive) -> list[str]:
 
 
 def finding_lines(values: dict[str, Any]) -> list[str]:
-    """Lines on layout faults and advice; of several chains each behind its name."""
+    """Report lines on layout faults and advice."""
     if "chains" in values:
         each = values["chains"].items()
         return [f'chain "{name}": {line}' for name, chain in each for line in finding_lines(chain)]
@@ -696,7 +697,7 @@ def finding_lines(values: dict[str, Any]) -> list[str]:
 
 
 def fit_and_findings(values: dict[str, Any]) -> list[str]:
-    """Lines on the chain's fit, layout faults and advice; of several chains each behind its name."""
+    """Report lines on the chain's fit, layout faults and advice."""
     if "chains" in values:
         each = values["chains"].items()
         return [f'chain "{name}": {line}' for name, chain in each for line in fit_and_findings(chain)]

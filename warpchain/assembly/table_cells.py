@@ -1,4 +1,4 @@
-"""Tables of speeds, torques and displacements as cubics on a uniform grid, as kernels read them."""
+"""Tables of motions, loads and lifts as cubics on a uniform grid, for kernels."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ class TableCells:
     Attributes:
         start, spacing: of the grid [s], or [rad] of the sprocket's own angle.
         coefficients: (cells, 4) of each cell's cubic, by powers of the place in it, 0 to 1.
-        integral: (cells + 1,) from 0 to each cell's beginning, and to the end.
+        integral: (cells + 1,) from 0 to each cell's beginning, and the end.
         over_angle, repeats: see `kernels.structs.Tabulated`.
     """
 
@@ -45,12 +45,12 @@ class TableCells:
     repeats: bool = False
 
     def values(self) -> Array:
-        """Values that kernels read: five a cell, and the integral over all cells."""
+        """Values of a table for kernels: five a cell, and the whole integral."""
         cells = np.column_stack([self.coefficients, self.integral[:-1]])
         return np.append(cells.ravel(), self.integral[-1])
 
     def fill(self, row: Any, first: int) -> None:
-        """Fills a `kernels.structs.Tabulated` whose values stand from `first` on."""
+        """Fills a `kernels.structs.Tabulated` whose values begin at `first`."""
         row["cells"], row["first"] = len(self.coefficients), first
         row["over_angle"], row["repeats"] = self.over_angle, self.repeats
         row["start"], row["spacing"] = self.start, self.spacing
@@ -76,7 +76,7 @@ class TableList:
         cells.fill(row, first)
 
     def _find(self, table: Tabled, ratio: float) -> tuple[TableCells, int]:
-        """Cells of a table, and the index of their values."""
+        """Cells of a table, and their values' index in the list."""
         key = (table, ratio)
         if key not in self.known:
             cells = table_cells(table, ratio)
@@ -94,17 +94,17 @@ class TableList:
         return self.rows[rows]
 
     def array(self) -> Array:
-        """Values of all tables; a zero for none, since Warp reads no empty array."""
+        """Values of all tables; a zero for none."""
         return np.concatenate(self.blocks) if self.blocks else np.zeros(1)
 
 
 def shaft_ratio(model: ChainModel, s: int, shaft: str | None) -> float:
-    """Angle of sprocket or shaft s over that of the shaft named `shaft`, by their teeth; 1 for None."""
+    """Angle of body s over that of the shaft named `shaft`; 1 for None."""
     return 1.0 if shaft is None else body_speed_ratio(model, s, body_names(model).index(shaft))
 
 
 def initial_speed(table: SpeedTable) -> float:
-    """Forward speed of a table at t = 0 [rad/s]."""
+    """Forward speed of a speed table at t = 0 [rad/s]."""
     if table.time is not None and table.over[0] >= 0.0:
         return table.factor * table.speed[0]
     over, values = np.array(table.over), np.array(table.values)
@@ -113,7 +113,7 @@ def initial_speed(table: SpeedTable) -> float:
 
 
 def table_cells(table: Tabled, ratio: float) -> TableCells:
-    """Cells of a table on a uniform grid; speeds over angle become speeds over time."""
+    """Cells of a table on a uniform grid; speeds over angle become ones over time."""
     over, values, slopes = np.array(table.over), np.array(table.values), table_slopes(table)
     if table.angle is None:
         return _cells_from_origin(*_uniform_grid(over, values, slopes), False, False)
@@ -126,7 +126,7 @@ def table_cells(table: Tabled, ratio: float) -> TableCells:
 
 
 def table_slopes(table: Tabled) -> Array | None:
-    """Slopes at a table's rows: PCHIP's, of displacements and lifts a spline's; None for straight lines."""
+    """Slopes at a table's rows, by PCHIP or spline; None for straight lines."""
     if isinstance(table, PlaceColumn | LiftCurve):
         return np.asarray(table.spline(table.over, 1))
     if table.interpolation == "linear":
@@ -142,7 +142,7 @@ def table_slopes(table: Tabled) -> Array | None:
 
 
 def hermite(x: Array, y: Array, slopes: Array | None, at: Array) -> tuple[Array, Array]:
-    """Value and slope at `at` of the cubic through rows with slopes, or of straight lines for None."""
+    """Value and slope at `at` of a table's cubic by row slopes, None for straight lines."""
     k = np.clip(np.searchsorted(x, at, side="right") - 1, 0, len(x) - 2)
     step, rise = x[k + 1] - x[k], y[k + 1] - y[k]
     u = (at - x[k]) / step
@@ -154,7 +154,7 @@ def hermite(x: Array, y: Array, slopes: Array | None, at: Array) -> tuple[Array,
 
 
 def _grid_spacing(x: Array) -> tuple[float, int]:
-    """Spacing of a uniform grid for rows at x, and its number of cells."""
+    """Spacing and number of cells of a uniform grid for rows at x."""
     gap, span = float(np.diff(x).min()), float(x[-1] - x[0])
     for parts in range(1, FINEST + 1):
         cells = round(span / gap * parts)
@@ -180,7 +180,7 @@ def _uniform_grid(x: Array, y: Array, slopes: Array | None) -> tuple[float, floa
 
 
 def _cell_coefficients(value: Array, slope: Array | None) -> Array:
-    """Coefficients (cells, 4) from values and slopes per cell at the grid's points, or None for straight lines."""
+    """Coefficients (cells, 4) of table cells from grid values and slopes, None for straight lines."""
     rise = np.diff(value)
     if slope is None:
         return np.column_stack([value[:-1], rise, 0.0 * rise, 0.0 * rise])
@@ -191,7 +191,7 @@ def _cell_coefficients(value: Array, slope: Array | None) -> Array:
 def _cells_from_origin(
     start: float, spacing: float, coefficients: Array, over_angle: bool, repeats: bool
 ) -> TableCells:
-    """Table cells with their integrals, which begin at 0 of the axis."""
+    """Table cells with integrals from 0 of the axis."""
     parts = spacing * (coefficients @ [1.0, 0.5, 1.0 / 3.0, 0.25])
     integral = np.append(0.0, np.cumsum(parts))
     if not repeats:
@@ -206,7 +206,7 @@ def _cells_from_origin(
 
 
 def _cells_over_time(over: Array, speed: Array, slopes: Array | None, period: float) -> TableCells:
-    """Table of speed over angle as one over time, from dt = d phi / Omega(phi) by Gauss's rule; periodic."""
+    """Cells of a speed over angle, as a periodic one over time."""
     begin = float(over[0])
     rows = np.unique(np.append(np.mod(over, period), [0.0, period]))
     parts = min(32, max(4, MOST_CELLS // (2 * len(rows))))

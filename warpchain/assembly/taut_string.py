@@ -1,20 +1,11 @@
 """Taut string: the shortest way of a strand between two ends past guides, as arcs and tangents.
 
-Rollers' centers over a face are a curve `offset` above it, which a string touches where convex only. An obstacle is a
-run of convex arcs, circles of center c and radius R about which the string turns with the sign w (+1 counter-clockwise,
-the guide on its left), each between two headings of its tangent. Ends are points or circles. From k to l the string
-runs along the unit vector u with left normal n over the length S,
+An obstacle is a run of convex arcs of rollers' centers over a face: circles of center c and radius R about which the
+string turns with the sign w (+1 counter-clockwise, the guide on its left), each between two headings of its tangent.
+From k to l the string runs along u over S, by (a) and (b) of `warpchain.assembly.path`.
 
-    D = S u + h n,   h = w_l R_l - w_k R_k,   S = sqrt(|D|^2 - h^2),   u = (S D - h D') / |D|^2,               (a)
-
-D = c_l - c_k and D' = D turned by +90 degrees. Arcs touched are found by an active set: dropped where the string would
-pull; taken in where cut deepest, at c - w R n(u) within the arc's ends by w n.(p - c + w R n), p on the tangent; and
-the next of the run where a tangent point lies beyond an arc's end.
-
-The length changes by minus the direction at the first end, the direction at the last, and for a guide that moves by
-dr and turns by dtheta about p:  dL = -dr.(u_out - u_in),  dL = -(h_out - h_in) dtheta,  h = (r - p) x u.
-
-Strings of variants that touch the same arcs are one with arrays (V,); else `stack_math.UnlikeVariants` is raised.
+Arcs touched are an active set: dropped where the string would pull; taken in where cut deepest, and next in a run where
+a tangent point lies beyond an arc's end. Strings of variants that touch the same arcs are one with arrays (V,).
 """
 
 from __future__ import annotations
@@ -46,7 +37,7 @@ _ROUNDS = 500
 
 
 class TautError(ValueError):
-    """Error of a taut string that cannot run between its ends.
+    """Error of a taut string that cannot run.
 
     Attributes:
         guide: index of the guide in its way, -1 for none.
@@ -59,18 +50,16 @@ class TautError(ValueError):
 
 @dataclass(frozen=True)
 class Arc:
-    """Convex arc of rollers' centers over a guide, or with guide -1 an end of the string, of any heading.
+    """Convex arc of rollers' centers over a guide, or with guide -1 an end of a taut string.
 
     Attributes:
         center: [m].
         radius: R [m].
         sign: w, +1 where the string turns counter-clockwise, else -1.
         begin, end: first and last headings of its tangent [rad]; w (end - begin) > 0.
-        guide: index of the guide.
-        place: place on the guide's face that belongs to `begin` [m].
-        slope: what a place changes per heading [m/rad].
-        before, after: length of the straight piece to the neighbor arcs [m]; None without such, or over a concave
-            piece.
+        place: on the guide's face at `begin` [m].
+        slope: change of the place per heading [m/rad].
+        before, after: straight pieces to the neighbor arcs [m]; None without such, or over a concave piece.
     """
 
     center: Point
@@ -99,7 +88,7 @@ class Arc:
         return self.center[0] + reach * y, self.center[1] - reach * x
 
     def is_past(self, heading: Any, last: bool) -> Any:
-        """Whether a tangent's heading lies beyond the arc's end."""
+        """Whether a tangent's heading lies beyond an arc's end, or before its begin unless `last`."""
         if self.guide < 0:
             return False
         off = wrapped_angle(heading - (self.end if last else self.begin))
@@ -116,17 +105,18 @@ class GuideTouch:
 
     @property
     def wrap(self) -> float:
-        """Wrapped angle of a touch [rad]; negative where the string would have to pull."""
+        """Wrapped angle of a touch [rad], negative where the string would pull."""
         return self.arc.sign * wrapped_angle(self.leave - self.arrive)
 
     @property
     def places(self) -> tuple[float, float]:
-        """Places on the guide's face between which the chain lies on it [m], ascending."""
+        """Places on a guide's face where the chain's touch begins and ends [m]."""
         ends = [self.arc.place + self.arc.slope * wrapped_angle(heading - self.arc.begin) for heading in self._headings]
         return minimum(*ends), maximum(*ends)
 
     @property
     def _headings(self) -> tuple[float, float]:
+        """Headings at which a taut string arrives and leaves."""
         return self.arrive, self.leave
 
 
@@ -136,8 +126,8 @@ class TautString:
 
     Attributes:
         pieces: straight parts and arcs, in order.
-        first, last: headings at the two ends [rad].
-        touches: the guides' arcs that it touches, in order.
+        first, last: headings at the ends [rad].
+        touches: of guides' arcs, in order.
         free: lengths of the straight parts on no guide, in order [m].
         numbers: of its arcs among all obstacles'.
     """
@@ -155,7 +145,7 @@ class TautString:
         return ordered_sum(piece.length for piece in self.pieces)
 
     def levers(self, guides: Iterable[int], pivot: Point) -> float:
-        """Sum of h_out - h_in over some guides' touches [m], the moment about the pivot per tension."""
+        """Lever of a taut string on some guides about a pivot: moment over tension [m]."""
         known, total = set(guides), 0.0
         for touch in self.touches:
             if touch.arc.guide in known:
@@ -165,7 +155,7 @@ class TautString:
         return total
 
     def chain_length(self, pitch: float) -> float:
-        """Length of links of a pitch along the string [m], on arcs of radius R as chords 2 asin(p / 2R)."""
+        """Length of a taut string as links of a pitch measure it by chords [m]."""
         total = 0.0
         for piece in self.pieces:
             total = total + piece.length * _chord_ratio(0.5 * pitch * abs(piece.curvature))
@@ -173,7 +163,7 @@ class TautString:
 
 
 def obstacle_arcs(profile: Profile, offset: float, guide: int, along: bool) -> tuple[Arc, ...]:
-    """Convex arcs of rollers' centers over a face, in the order in which the chain passes them.
+    """Convex arcs of rollers' centers over a guide's face, in the order of the chain's travel.
 
     Args:
         profile: the face where it stands.
@@ -208,12 +198,11 @@ def taut_string(first: Arc, last: Arc, obstacles: Sequence[tuple[Arc, ...]], lik
     """Taut string from circle or point `first` to `last` around obstacles.
 
     Args:
-        first, last: its ends.
         obstacles: runs of arcs, in order.
         like: numbers of the arcs that it probably touches.
 
     Raises:
-        TautError: if a guide and an end overlap so that no tangent joins them.
+        TautError: a guide and an end overlap so that no tangent joins them.
         UnlikeVariants: strings of a stack's variants, not all of which touch the same arcs.
     """
     runs = [arc for run in obstacles for arc in run]
@@ -244,7 +233,7 @@ def point_end(place: Sequence[Any]) -> Arc:
 
 
 def circle_end(center: Sequence[Any], radius: Any, sign: float) -> Arc:
-    """End of a taut string on a sprocket, about which it turns with a sign."""
+    """End of a taut string on a sprocket, turning with a sign."""
     return Arc((center[0], center[1]), radius, sign)
 
 
@@ -255,7 +244,7 @@ _Where = dict[int, tuple[tuple[Arc, ...], int]]
 
 
 def _chord_ratio(bend: Any) -> Any:
-    """Length of chords over their arc, on a circle that bends by 2 asin(b) under each."""
+    """Length of chords over arcs that bend by 2 asin(b) under each."""
     bends = (bend > 0.0) & (bend < 1.0)
     if not is_true_somewhere(bends):
         return 1.0
@@ -271,7 +260,7 @@ def _reversed_arc(arc: Arc) -> Arc:
 
 
 def _neighbor_arc(arc: Arc, known: _Where, step: int) -> Arc | None:
-    """Arc before (-1) or after (1) another in its guide's run; None over a concave piece."""
+    """Arc before (-1) or after (1) another in its guide's run, or None."""
     if id(arc) not in known or (arc.after if step > 0 else arc.before) is None:
         return None
     run, i = known[id(arc)]
@@ -279,7 +268,7 @@ def _neighbor_arc(arc: Arc, known: _Where, step: int) -> Arc | None:
 
 
 def _tangents_or_arc(chosen: list[Arc], known: _Where) -> list[_Tangent] | tuple[int, Arc]:
-    """Tangents from each arc to the next; or the arc to take in between, and its place."""
+    """Tangents between neighboring arcs; or an arc to take in, and its place."""
     found: list[_Tangent] = []
     for k, (one, other) in enumerate(pairwise(chosen), 1):
         if _neighbor_arc(one, known, 1) is other:
@@ -303,7 +292,7 @@ def _tangents_or_arc(chosen: list[Arc], known: _Where) -> list[_Tangent] | tuple
 
 
 def _arc_beyond(touches: list[GuideTouch], chosen: list[Arc], known: _Where) -> tuple[int, Arc] | None:
-    """Next arc of a run, where a string arrives or leaves beyond an arc's end."""
+    """Arc, and its place, to take in where a string passes an arc's end, or None."""
     for k, touch in enumerate(touches, 1):
         for heading, step in ((touch.arrive, -1), (touch.leave, 1)):
             between = _neighbor_arc(touch.arc, known, step)
@@ -315,7 +304,7 @@ def _arc_beyond(touches: list[GuideTouch], chosen: list[Arc], known: _Where) -> 
 
 
 def _deepest_cut_arc(chosen: list[Arc], tangents: list[_Tangent], runs: list[Arc]) -> tuple[int, Arc] | None:
-    """Arc that a tangent cuts deepest, and its place in the order; None where none is cut."""
+    """Arc, and its place, that a string's tangent cuts deepest, or None."""
     worst: Any = _CUT
     found: Any = -1
     taken = {id(arc) for arc in chosen}

@@ -1,4 +1,4 @@
-"""Limits of the time step by the fastest oscillations of rollers, sprockets, arms, couplings and valves."""
+"""Limits of the time step by the fastest oscillations of a drive."""
 
 from __future__ import annotations
 
@@ -24,13 +24,13 @@ from warpchain.model.trains import coupled_bodies, is_free_body, train_inertia, 
 AUTOMATIC = 0.6
 """Automatic time step over its limit of stability (docs/solving.md)."""
 
-STAGED = 0.3
-"""Automatic step over its limit for schemes with stages, which hold bristles and dampers at step starts."""
+STAGED = 0.3  # which hold bristles and dampers at step starts
+"""Automatic time step over its limit for schemes with stages."""
 
 
 @dataclass(frozen=True)
 class MovingBody:
-    """Springs and dampers on a body that can move, along its fastest coordinate.
+    """Springs and dampers on a moving body, along its fastest coordinate, for the time step.
 
     Attributes:
         name: of the body, and what holds it.
@@ -44,17 +44,14 @@ class MovingBody:
 
 
 def rocking_teeth(sprocket: Sprocket) -> Any:
-    """Number of contacts that stretch where a sprocket rocks on a chain at rest: all teeth but one, a rim's pin."""
+    """Number of tooth contacts that stretch where a sprocket rocks."""
     return maximum(sprocket.teeth - 1, 1)
 
 
 def moving_bodies(of: Drive | ChainModel, held: bool = False) -> list[MovingBody]:
-    """Moving bodies of all chains with their rates: sprockets on springs, free sprockets unless `held`, arms.
+    """Moving bodies of all chains for the time step: sprockets on springs, free sprockets unless `held`, arms.
 
-    Sprockets of one shaft count as one. A sprocket on springs has (k_b + K z / 2 + k_T) / M, z its teeth; one that
-    turns
-    K (z - 1) R^2 / J; an arm (k_t + k_stop + K sum r^2 + k_T l^2 + sum K z d^2 / 2) / I, r places a pitch apart on its
-    faces, from its pivot, k_T a tensioner's or coil spring's stiffness, l its lever, d the centers of sprockets on it.
+    Sprockets of one shaft are one. The frequencies: docs/moving-sprockets.md, docs/solving.md.
     """
     found: dict[str, MovingBody] = {}
     chains = chains_of(of)
@@ -111,7 +108,7 @@ def _bodies_of_chain(model: ChainModel, held: bool) -> list[MovingBody]:
 
 
 def _bodies_with_joints(model: ChainModel, found: list[MovingBody]) -> list[MovingBody]:
-    """Moving bodies with arms on arms joined: inertia I_1 I_2 - (d.s)^2 over the other's, `kernels.physics.hub` (b)."""
+    """Moving bodies with arms on arms joined: inertia I_1 I_2 - (d.s)^2 over the other's."""
     first = len(found) - len(model.arms)
     for p, arm in enumerate(model.arms):
         row, own, left = model.arms_on(p), model.arm_inertia(p), 1.0
@@ -128,7 +125,7 @@ def _bodies_with_joints(model: ChainModel, found: list[MovingBody]) -> list[Movi
 
 
 def _coupling_bodies(model: ChainModel) -> list[MovingBody]:
-    """Couplings as moving bodies, k (1/J_a + i^2/J_b) and c (1/J_a + i^2/J_b), and steep motors."""
+    """Moving bodies of couplings, k (1/J_a + i^2/J_b), steep motors and valves."""
     found = _valve_bodies(model)
     for coupling in model.couplings:
         ends = coupled_bodies(model, coupling)
@@ -151,7 +148,7 @@ def _coupling_bodies(model: ChainModel) -> list[MovingBody]:
 
 
 def _valve_bodies(model: ChainModel) -> list[MovingBody]:
-    """Valve springs on bodies that turn freely."""
+    """Moving bodies of valve springs on free shafts and sprockets."""
     found = []
     for valves in model.valves:
         b = body_names(model).index(valves.on)
@@ -165,12 +162,12 @@ def _valve_bodies(model: ChainModel) -> list[MovingBody]:
 
 
 def _on_shaft(name: str) -> str:
-    """Name of a shaft as a body."""
+    """Name of a shaft as a moving body."""
     return f'shaft "{name}"'
 
 
 def _shared_shaft(model: ChainModel, s: int) -> str | None:
-    """Name of the shaft, or train's first body, that sprocket s shares with other chains, or None."""
+    """Shaft, or train's first body, that sprocket s shares with other chains, or None."""
     shaft = model.sprockets[s].shaft
     if shaft is not None and shaft not in body_names(model):
         return shaft
@@ -180,7 +177,7 @@ def _shared_shaft(model: ChainModel, s: int) -> str | None:
 
 
 def _tensioner_pushes(model: ChainModel, body: int) -> tuple[float, float]:
-    """Stiffness [N/m] and damping [N s/m] of the tensioners on a body; of an arm times their levers' squares."""
+    """Stiffness and damping of a body's tensioners [N/m], [N s/m]; of an arm times levers squared."""
     stiffness = damping = 0.0
     for t, tensioner in enumerate(model.tensioners):
         if model.tensioner_body(t) == body:
@@ -200,10 +197,9 @@ def _contact_stiffnesses(model: ChainModel) -> list[tuple[str, float]]:
 
 
 def highest_frequency(of: Drive | ChainModel, damped_links: bool = True, held: bool = False) -> float:
-    """Highest frequency of a drive, omega_max [rad/s]: a roller on two links and a contact, (4 k + K_max) / m.
+    """Highest frequency of a drive's rollers and bodies, omega_max [rad/s] (docs/solving.md).
 
-    The fastest of `moving_bodies` adds its omega^2. Unlike outer links have 2 (k_inner + k_outer) for 4 k. With
-    `damped_links`, whose 2 (c_inner + c_outer) a roller feels, g + sqrt(g^2 + omega_max^2), g = c / (2 m).
+    With `damped_links` g + sqrt(g^2 + omega_max^2), g = (c_inner + c_outer) / m.
     """
     return _highest_of_chains(chains_of(of), moving_bodies(of, held), damped_links)
 
@@ -249,10 +245,7 @@ def _stiffest_of_chain(model: ChainModel) -> str:
 
 
 def step_limit(of: Drive | ChainModel, held: bool = False) -> float:
-    """Largest stable time step of leapfrog, 2 / omega_max [s]; `held` as of `moving_bodies`.
-
-    A body's damper c_b acts half a step late, so that omega_max^2 h^2 + 2 h c_b / M < 4.
-    """
+    """Largest stable time step of leapfrog [s] (docs/solving.md); `held` as of `moving_bodies`."""
     bodies = moving_bodies(of, held)
     omega = _highest_of_chains(chains_of(of), bodies)
     rate = maximum(0.0, *(body.rate for body in bodies))
@@ -265,7 +258,7 @@ def automatic_step(drive: Drive) -> float:
 
 
 def resolve_step(drive: Drive, step: float | str | None = None) -> float:
-    """Time step to take [s], of a stack (V,): `step`, or else the drive's own.
+    """Time step to take, `step` or the drive's own, () or (V,) [s].
 
     Raises:
         DriveError: a step that is not positive or not below the limit, of the first such variant.

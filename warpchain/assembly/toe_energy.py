@@ -22,7 +22,6 @@ class Wheel:
     """Wheel of a silent chain with what its teeth's contacts need.
 
     Attributes:
-        model: of the chain.
         s: index of its sprocket.
         stiffness: generalized stiffness of a flank's end [N/m^n].
         exponent: n of the contact law [-].
@@ -34,15 +33,17 @@ class Wheel:
     exponent: float
 
     def near_pins(self, place: Array) -> NDArray[np.int64]:
-        """Numbers of the pins, of places (N, 2) from the wheel's center [m], whose toes may touch teeth."""
+        """Pins whose toes may touch teeth, of places (N, 2) from the wheel's center."""
         distance, radius, pitch = np.hypot(*place.T), self.model.pitch_radius(self.s), self.model.chain.pitch
         return np.flatnonzero(np.abs(distance - radius) < max(self.model.engagement(self.s), pitch))
 
     def energy(self, x: Array, number: int) -> tuple[Array, Array]:
-        """Energies (M,) [J] of flank ends, and gradients (M, 7), by coordinates `x` (M, 7).
+        """Energies (M,) [J] of toes' flank ends, and gradients (M, 7), by coordinates `x` (M, 7).
 
-        The coordinates are the pin's place, the link's other pin's, the wheel's center, and its angle. Ends are
-        numbered 0 to 3: tip and beginning on the link after the pin, then on the link before it.
+        These are the pin's place, the link's other pin's, the wheel's center, and its angle.
+
+        Args:
+            number: 0, 1 tip and beginning of the flank on the link after the pin, 2, 3 on that before.
         """
         depth, normal, arm, z, u, length = self._contacts(x, number)
         pushed = np.maximum(depth, 0.0)
@@ -54,7 +55,7 @@ class Wheel:
         return force * pushed / (self.exponent + 1.0), force[:, None] * slope
 
     def hessian(self, x: Array, number: int) -> Array:
-        """Hessians (M, 7, 7) of the energies of `energy`, by differences of its gradients."""
+        """Hessians (M, 7, 7) of the toes' energies, by differences of gradients."""
         apart = np.full(7, _APART * self.model.chain.pitch)
         apart[6] /= self.model.pitch_radius(self.s)
         steps = np.diag(apart)[:, None]
@@ -63,7 +64,7 @@ class Wheel:
         return 0.5 * (found + np.swapaxes(found, 1, 2))
 
     def _contacts(self, x: Array, number: int) -> tuple[Array, Array, Array, Array, Array, Array]:
-        """Depths of flank ends [m], normals, places from the wheel's center and the link's middle [m], link's u, l."""
+        """Toes' depths in teeth [m], normals, places from wheel's center and link's middle [m], link's u, l."""
         model, plate, teeth = self.model, self.model.chain.plate, self.model.sprockets[self.s].teeth
         radius, tooth = model.pitch_radius(self.s), model.tooth(self.s)
         pin, far, center = x[:, 0:2], x[:, 2:4], x[:, 4:6]
@@ -99,7 +100,7 @@ class Wheel:
         return depth, normal, place, place - middle, u, length
 
     def _depth(self, at: Array, e: Array, tau: Array, radius: float, flank: tuple[float, float]) -> tuple[Array, Array]:
-        """Depths [m] of arcs' centers `at` (M, 2), from the wheel's center, in teeth, and normals."""
+        """Depths in teeth [m], and normals, of toes' arcs at centers `at` (M, 2)."""
         plate, tooth, (cosine, sine) = self.model.chain.plate, self.model.tooth(self.s), flank
         xi, eta, distance = _along(at, e) - radius, _along(at, tau), np.hypot(at[:, 0], at[:, 1])
         on_flank = np.abs(eta) * cosine - xi * sine - (plate.flank_distance - plate.tip_radius)
@@ -110,5 +111,5 @@ class Wheel:
 
 
 def _along(place: Array, direction: Array) -> Array:
-    """Components (M,) of places along directions, each (M, 2)."""
+    """Components (M,) of toes' places along directions, each (M, 2)."""
     return np.einsum("mi,mi->m", place, direction)

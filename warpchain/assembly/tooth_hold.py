@@ -1,21 +1,12 @@
-"""Tooth jump at rest: an estimate of the tensions that the teeth of a sprocket bear.
+"""Tooth jump at rest: an estimate of the tensions that the teeth of a sprocket bear (docs/jump.md).
 
-A roller in its gap, of z teeth, has links of tensions T and T' at pi/z below the gap's tangent, and the tooth's force N
-at theta from the gap's middle. Without friction
+Tension falls from one link of a wrap psi to the next at most to 1/q, theta half the seating angle,
 
-    N cos(theta) = (T + T') sin(pi/z),     N sin(theta) = (T - T') cos(pi/z),
+    q = cos(theta - pi/z) / cos(theta + pi/z).                                                                     (a)
 
-so that from one link to the next the tension falls at most to 1/q of it,
+The chain jumps where on the tips, at radius rho_top, tensions of an elongation e' in place of e have
 
-    q = cos(theta - pi/z) / cos(theta + pi/z),                                                                     (a)
-
-theta half of the seating angle. A wrap psi of n = psi z / 2 pi rollers holds T_1 / T_2 <= q^n; beyond it they climb
-towards the tips at radius rho_top, and the wrap takes in length of the slack side. The chain jumps where even so
-
-    T_1 > q^n T_2,    N p (e - e') = psi (rho_top - r') + sum over other sprockets of psi_o (r_o - r_o'),          (b)
-
-T_1 and T_2 those of a chain of elongation e' in place of e, less the centrifugal part, r, r' the radii at which rollers
-of either ride. Tensions are those of `warpchain.assembly.statics`: without vibration, friction and oil that lags.
+    T_1 > q^n T_2,    N p (e - e') = psi (rho_top - r') + sum over other sprockets of psi_o (r_o - r_o').          (b)
 """
 
 from __future__ import annotations
@@ -36,13 +27,13 @@ from warpchain.model import ChainModel
 LEAST_CHANGE = 1e-9
 """Tension below which a strand counts as slack [N]."""
 MOST_LEFT = 0.02
-"""Force that may be left at rest over the largest that acts: toes on the tips' corners push in steps."""
+"""Force that may be left at rest over the largest that acts."""
 ROUNDS = 8
-"""Rounds of the fixed point (b), whose error falls by about psi R / N p each."""
+"""Rounds of the fixed point (b)."""
 
 
 def top_radius(model: ChainModel, s: int) -> float:
-    """Distance rho_top of a roller's center from that of sprocket s where its flank ends [m].
+    """Distance rho_top of a roller from sprocket s' center where its flank ends [m].
 
     Of a silent chain that of pins where both toes of a link stand on tips.
     """
@@ -59,13 +50,13 @@ def top_radius(model: ChainModel, s: int) -> float:
 
 
 def held_tension_ratio(model: ChainModel, s: int) -> float:
-    """Largest ratio q of neighboring links' tensions that a tooth of sprocket s holds, eq. (a)."""
+    """Largest ratio of neighboring links' tensions that a tooth of sprocket s holds, q of (a)."""
     phi, step = model.tooth(s).pressure_angle(model.sprockets[s].teeth), math.tau / model.sprockets[s].teeth
     return math.sin(phi + step) / math.sin(phi) if phi > 0.0 else math.inf
 
 
 def has_tooth_jump(model: ChainModel, s: int) -> bool:
-    """Whether the chain jumps a tooth of sprocket s at rest, (b); also where it comes to no rest there.
+    """Whether the chain jumps a tooth of sprocket s at rest, (b), or comes to no rest there.
 
     Raises:
         DriveError: a chain that does not fit.
@@ -74,7 +65,7 @@ def has_tooth_jump(model: ChainModel, s: int) -> bool:
     if top_radius(model, s) <= model.riding_radius(s):
         return True
     try:
-        found = statics.running(_drive_on_tips(model, s, wraps))
+        found = statics.at_work(_drive_on_tips(model, s, wraps))
     except DriveError:  # no chain so short goes around: there is no slack to climb with
         return False
     if found.failure is not None and found.residual > MOST_LEFT:
@@ -85,7 +76,7 @@ def has_tooth_jump(model: ChainModel, s: int) -> bool:
 
 
 def _drive_on_tips(model: ChainModel, s: int, wraps: NDArray[np.float64]) -> ChainModel:
-    """Drive with a chain as short as if it rode on the tips of sprocket s, eq. (b)."""
+    """Model of a chain as short as on the tips of sprocket s, for a jump, (b)."""
     chain, others = model.chain, [o for o in range(len(model.sprockets)) if o != s]
     risen, top = model, top_radius(model, s)
     for _ in range(ROUNDS):

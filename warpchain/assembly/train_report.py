@@ -27,7 +27,7 @@ _FAST = 1e6
 
 
 def shaft_report(model: ChainModel) -> list[dict[str, Any]]:
-    """Values of shafts: bodies, speed at work [rad/s], inertia of the train [kg m^2] and motor [N m]."""
+    """Values of `check` on shafts: bodies, speed [rad/s], train's inertia [kg m^2], motor [N m]."""
     names, found = body_names(model), []
     for b, shaft in enumerate(model.own_shafts, len(model.sprockets)):
         speed, motor = _working_speed(model, b), shaft.motor
@@ -45,7 +45,7 @@ def shaft_report(model: ChainModel) -> list[dict[str, Any]]:
 
 
 def _working_speed(model: ChainModel, b: int) -> float | None:
-    """Forward speed of a shaft at work [rad/s]; None without a chain or prescribed motion."""
+    """Forward speed of a shaft at work [rad/s]; None without chain or motion."""
     if nearest_sprocket(model, b) is not None:
         return float(model.driver_speed * body_speed_ratio(model, b, model.driver))
     leader = prescribed_leader(model, b)
@@ -55,7 +55,7 @@ def _working_speed(model: ChainModel, b: int) -> float | None:
 
 
 def gear_report(model: ChainModel) -> list[dict[str, Any]]:
-    """Values of gear pairs: shafts, teeth, and speed ratio of the second to the first."""
+    """Values of `check` on gear pairs: shafts, teeth, speed ratio of the second."""
     return [
         {
             "name": gear.name,
@@ -68,10 +68,7 @@ def gear_report(model: ChainModel) -> list[dict[str, Any]]:
 
 
 def valve_report(model: Model) -> list[dict[str, Any]]:
-    """Values of valve groups: body, count, lift [m], its steepest slope [m/rad], largest spring force [N].
-
-    With the speeds of shaft and driver above which followers lift off [rad/s]; None for a driver without a tie to it.
-    """
+    """Values of `check` on valves: body, count, lift [m], steepest slope [m/rad], spring force [N], speeds [rad/s]."""
     drive, found = model.drive, []
     names = body_names(drive)
     for group in drive.valves:
@@ -94,10 +91,9 @@ def valve_report(model: Model) -> list[dict[str, Any]]:
 
 
 def coupling_report(model: ChainModel, running: Steady) -> list[dict[str, Any]]:
-    """Values of couplings: frequency [Hz] and damping between the inertias they see, the chain aside.
+    """Values of `check` on couplings: frequency [Hz] and damping between the inertias they see, the chain aside.
 
-    In a gearbox's first ratio; with lash [rad], ratios, capacity [N m], freewheel, and at work twist [rad] and torque
-    from the first body [N m], counter-clockwise; None without a steady state, 0 to the ground.
+    In a gearbox's first ratio; twist [rad] and torque from the first body [N m] at work, None without a steady state.
     """
     found = []
     for coupling, twist, torque in zip(model.couplings, running.twist, running.torque, strict=True):
@@ -122,7 +118,7 @@ def coupling_report(model: ChainModel, running: Steady) -> list[dict[str, Any]]:
 
 
 def motor_advice(model: ChainModel) -> Iterator[str]:
-    """Advice on motors that do not start their loads, or that no load balances."""
+    """Advice of `check` on motors that do not start their loads, or that no load balances."""
     b = driving_body(model)
     if getattr(part_of_body(model, b), "motor", None) is None:
         return
@@ -143,7 +139,7 @@ def motor_advice(model: ChainModel) -> Iterator[str]:
 
 
 def tie_advice(model: ChainModel) -> Iterator[str]:
-    """Advice on valves on a shaft without a tie to a chain."""
+    """Advice of `check` on valves on a shaft that no chain turns."""
     names = body_names(model)
     for group in model.valves:
         if nearest_sprocket(model, names.index(group.on)) is None:

@@ -1,7 +1,6 @@
-"""Arms: bodies that turn about a pivot and carry guides and sprockets, such as a tensioner's sprung blade.
+"""Arms: bodies that turn about a pivot and carry guides and sprockets (docs/guides-and-tensioners.md).
 
-The angle is 0 as drawn, counter-clockwise positive. A coil spring of length l from an anchor f to a point q, both from
-the pivot, has the lever dl/dtheta = q x (q - f) / l. The equations: docs/guides-and-tensioners.md.
+The angle is 0 as drawn, counter-clockwise positive.
 """
 
 from __future__ import annotations
@@ -42,7 +41,7 @@ Stops = Annotated[
 ]
 
 STOP_RATIO = 0.5
-"""Damping ratio of an arm's stop by default [-]."""
+"""Default damping ratio of an arm's stop [-]."""
 
 
 class ArmSpring(Part):
@@ -53,7 +52,7 @@ class ArmSpring(Part):
         anchor: where its other end is held, as drawn [m].
         stiffness: k [N/m].
         free_length: length without force, l_0 [m].
-        damping: damping of a damper beside it, c [N s/m].
+        damping: of a damper beside it, c [N s/m].
     """
 
     at: Pair
@@ -74,13 +73,13 @@ class Arm(Part):
         mass: mass, m [kg].
         center: center of mass at angle 0, r_c [m].
         inertia: moment of inertia about the pivot, I [kg m^2].
-        stiffness: stiffness of its torsion spring, k_t [N m/rad].
+        stiffness: of its torsion spring, k_t [N m/rad].
         free_angle: angle at which the torsion spring is relaxed, theta_0 [degrees].
-        damping: damping of its bearing, c_t [N m s/rad].
+        damping: of its bearing, c_t [N m s/rad].
         spring: coil spring to the ground, or to the arm that carries it.
-        stops: lowest and highest angle [degrees]; None is none.
-        stop_stiffness: stiffness of the stops [N m/rad]; None is the chain's.
-        stop_damping: damping of the stops [N m s/rad]; None is half critical.
+        stops: lowest and highest angle [degrees].
+        stop_stiffness: of the stops [N m/rad]; None is the chain's.
+        stop_damping: of the stops [N m s/rad]; None is half critical.
     """
 
     name: Name
@@ -100,29 +99,30 @@ class Arm(Part):
 
     @property
     def free_angle_rad(self) -> float:
-        """Angle at which the torsion spring is relaxed, theta_0 [rad]."""
+        """Angle of an arm's relaxed torsion spring [rad]."""
         return radians(self.free_angle)
 
     @property
     def stops_rad(self) -> tuple[float, float]:
-        """Lowest and highest angle of the arm [rad], infinite without stops."""
+        """Lowest and highest angle of an arm [rad], else infinite."""
         if self.stops is None:
             return -math.inf, math.inf
         return radians(self.stops[0]), radians(self.stops[1])
 
     @property
     def spring_lever(self) -> float:
-        """Upper bound of the coil spring's lever about the pivot [m]."""
+        """Upper bound of the lever of an arm's coil spring [m]."""
         ends = (self.spring.at, self.spring.anchor) if self.spring is not None else (self.pivot,)
         return minimum(*(hypot(x - self.pivot[0], y - self.pivot[1]) for x, y in (*ends, *ends)))
 
     @property
     def center_radius(self) -> float:
-        """Distance of the arm's center of mass from its pivot [m]."""
+        """Distance of an arm's center of mass from its pivot [m]."""
         return hypot(self.center[0] - self.pivot[0], self.center[1] - self.pivot[1])
 
     @classmethod
     def _rules(cls, node: Any) -> Iterable[Problem]:
+        """Problems of an arm's values."""
         stops = node_list(node, "stops")
         if len(stops) == 2 and are_numbers(*stops) and stops[0] >= stops[1]:
             yield Problem(("stops",), list(stops), "must be the lower angle first, then the upper one [lower, upper]")
@@ -139,12 +139,10 @@ class Arm(Part):
 
 
 def stop_stiffness(arm: Arm, lever: float, link_stiffness: float, roller_mass: float) -> float:
-    """Stiffness of an arm's stops [N m/rad]: its own, or a link's at the lever, at most I k/m.
+    """Stiffness of an arm's stops, own or a link's at the lever, at most I k/m [N m/rad].
 
     Args:
         lever: largest distance of the chain from the pivot [m].
-        link_stiffness: k [N/m].
-        roller_mass: m [kg].
     """
     if arm.stop_stiffness is not None:
         return arm.stop_stiffness
@@ -152,7 +150,7 @@ def stop_stiffness(arm: Arm, lever: float, link_stiffness: float, roller_mass: f
 
 
 def stop_damping(arm: Arm, stiffness: float) -> float:
-    """Damping of an arm's stops [N m s/rad]: its own, or half the critical one."""
+    """Damping of an arm's stops, own or half the critical one [N m s/rad]."""
     if arm.stop_damping is not None:
         return arm.stop_damping
     return 2.0 * STOP_RATIO * sqrt(stiffness * arm.inertia)

@@ -1,10 +1,10 @@
-"""Measured guide faces: a smooth line through points, and the pairs of arcs (biarcs) that follow it.
+"""Measured guide faces: a smooth line through points, and pairs of arcs (biarcs) along it.
 
-Two arcs with tangents T_0, T_1 at P_0, P_1 join at J = (P_0 + P_1 + d (T_0 - T_1)) / 2, with v = P_1 - P_0 and
+Arcs with tangents T_0, T_1 at P_0, P_1 join at J = (P_0 + P_1 + d (T_0 - T_1)) / 2 (Bolton 1975), v = P_1 - P_0,
 
-    2 (1 - T_0.T_1) d^2 + 2 v.(T_0 + T_1) d - v.v = 0                                                      (a)
+    2 (1 - T_0.T_1) d^2 + 2 v.(T_0 + T_1) d - v.v = 0.                                                     (a)
 
-(Bolton 1975). The line is the cubic spline with the fewest knots within half the tolerance (Dierckx 1993).
+The line is a cubic spline (Dierckx 1993).
 """
 
 from __future__ import annotations
@@ -20,13 +20,13 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
 TOLERANCE = 1e-5
-"""Largest distance of a fitted face from its points [m]."""
+"""Largest distance of a face from its points [m]."""
 _SAMPLES = 12
-"""Places between two points where arcs are compared with the spline."""
+"""Places between two points to compare arcs at."""
 
 
 def biarc(start: Point, heading: float, end: Point, end_heading: float) -> tuple[Piece, Piece]:
-    """Pair of arcs between two points [m] with given headings [rad], (a)."""
+    """Biarc: pair of arcs between two points with given headings, (a)."""
     (ax, ay), (bx, by) = unit_vector(heading), unit_vector(end_heading)
     vx, vy = end[0] - start[0], end[1] - start[1]
     along = vx * (ax + bx) + vy * (ay + by)
@@ -39,7 +39,7 @@ def biarc(start: Point, heading: float, end: Point, end_heading: float) -> tuple
 
 
 def _arc_between(start: Point, heading: float, end: Point) -> Piece:
-    """Arc from a point with a heading [rad] to another point [m]."""
+    """Arc of a biarc from a heading point to another."""
     u, w = Piece(start, heading, 0.0, 0.0).local_coordinates(end)
     half = math.atan2(w, u)
     chord = math.hypot(u, w)
@@ -48,13 +48,10 @@ def _arc_between(start: Point, heading: float, end: Point) -> Piece:
 
 
 def fitted_face(points: Sequence[Point], tolerance: float = TOLERANCE) -> tuple[Piece, ...]:
-    """Guide face along measured points [m], in their order.
-
-    Args:
-        tolerance: largest distance from a point [m].
+    """Guide face along measured points in order, within a tolerance [m].
 
     Raises:
-        ProfileError: if two points that follow each other are one.
+        ProfileError: neighbors are one point.
     """
     import numpy as np
 
@@ -77,7 +74,7 @@ def fitted_face(points: Sequence[Point], tolerance: float = TOLERANCE) -> tuple[
 def _spline_samples(
     places: NDArray[np.float64], steps: NDArray[np.float64], tolerance: float
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Points (M, 2) of the spline [m] and its headings (M,) [rad]."""
+    """Points (M, 2) [m] and headings (M,) [rad] of a measured face's spline."""
     import numpy as np
     from scipy.interpolate import splev, splprep
 
@@ -96,16 +93,16 @@ def _spline_samples(
 def _biarc_of_samples(
     samples: NDArray[np.float64], headings: NDArray[np.float64], a: int, b: int
 ) -> tuple[Piece, Piece]:
-    """Pair of arcs between two samples of the spline."""
+    """Biarc between samples a and b of a measured face's spline."""
     (ax, ay), (bx, by) = samples[a].tolist(), samples[b].tolist()
     return biarc((ax, ay), float(headings[a]), (bx, by), float(headings[b]))
 
 
 def _farthest_sample(samples: NDArray[np.float64], headings: NDArray[np.float64], a: int, tolerance: float) -> int:
-    """Last sample that one pair of arcs from sample `a` reaches within the tolerance."""
+    """Last sample of a face's spline that a biarc from sample a reaches."""
 
     def follows(b: int) -> bool:
-        """Whether a pair of arcs to sample `b` keeps the tolerance."""
+        """Whether a biarc to sample `b` keeps the tolerance."""
         if abs(headings[b] - headings[a]) > 0.5 * math.pi:
             return False
         return _largest_deviation(_biarc_of_samples(samples, headings, a, b), samples[a : b + 1]) <= tolerance
@@ -122,7 +119,7 @@ def _farthest_sample(samples: NDArray[np.float64], headings: NDArray[np.float64]
 
 
 def _largest_deviation(pair: tuple[Piece, Piece], samples: NDArray[np.float64]) -> float:
-    """Largest distance of the spline's samples from two arcs [m]."""
+    """Largest distance of spline samples from a biarc [m]."""
     import numpy as np
 
     heights = []

@@ -1,6 +1,6 @@
 """Ties between a drive's sprockets and shafts, and the speed ratios that they fix.
 
-Bodies are numbered: the S sprockets, then the H shafts.
+Bodies are numbered sprockets, then shafts.
 """
 
 from __future__ import annotations
@@ -12,11 +12,11 @@ from warpchain.drive.schema import Part, are_numbers, node_list, node_value
 from warpchain.drive.sprocket import END_TEETH
 
 DRIVING_KEYS = ("prescribed", "motor", "initial_speed")
-"""Keys that make a body drive, the strongest first."""
+"""Keys of driving bodies, the strongest first."""
 
 
 class BodyTie(NamedTuple):
-    """Two bodies that turn in a fixed ratio, q_b = ratio q_a; of couplings in the mean.
+    """Tie of two bodies in a fixed ratio, q_b = ratio q_a.
 
     Attributes:
         path: key path in the drive file.
@@ -31,14 +31,14 @@ class BodyTie(NamedTuple):
 
 
 class TiedRatios:
-    """Speed ratios of tied bodies, each to the first body tied to it."""
+    """Speed ratios of tied bodies, each to its first."""
 
     def __init__(self, count: int) -> None:
         self.root = list(range(count))
         self.ratio = [Fraction(1)] * count
 
     def tie(self, a: int, b: int, ratio: Fraction) -> Fraction | None:
-        """Ties q_b = ratio q_a; returns another ratio that they already have."""
+        """Ties bodies, q_b = ratio q_a; returns another ratio they have."""
         if self.root[a] == self.root[b]:
             known = self.ratio[b] / self.ratio[a]
             return known if known != ratio else None
@@ -58,7 +58,7 @@ def body_names(drive: Any) -> list[Any]:
 
 
 def first_coupling_ratio(coupling: Any) -> Fraction | None:
-    """First ratio of a coupling that is not open; None where its ratios are wrong."""
+    """First ratio of a coupling that is not open, or None."""
     ratios = node_value(coupling, "ratios")
     if ratios is None:
         return Fraction(1)
@@ -67,10 +67,7 @@ def first_coupling_ratio(coupling: Any) -> Fraction | None:
 
 
 def body_ties(drive: Any) -> list[BodyTie]:
-    """Ties between bodies of a drive, freewheels last, none with the ground.
-
-    Of a mapping, what is wrong is left out.
-    """
+    """Ties between bodies of a drive, freewheels last, without wrong ones."""
     names, found = body_names(drive), []
     pairs = [set(map(str, node_list(part, "between"))) for part in node_list(drive, "couplings")]
     count = len(node_list(drive, "sprockets"))
@@ -106,7 +103,7 @@ def is_freewheel(drive: Any, tie: BodyTie) -> bool:
 
 
 def rotation_owners(drive: Any) -> dict[str, str]:
-    """Shafts' names by names of their sprockets."""
+    """Names of shafts by those of the sprockets on them."""
     names = body_names(drive)
     return {names[tie.b]: names[tie.a] for tie in body_ties(drive) if tie.kind == "shaft"}
 
@@ -123,7 +120,7 @@ def rigid_ratios(drive: Any) -> TiedRatios:
 def ratios_with_chains(
     drive: Any, couplings: bool = True, without: BodyTie | None = None
 ) -> tuple[TiedRatios, list[tuple[BodyTie, Fraction]]]:
-    """Speed ratios of bodies, then chains, at 1/z to sprockets, and the ties that contradict them.
+    """Speed ratios of bodies, then chains, and ties that contradict them.
 
     Args:
         couplings: whether couplings tie.
@@ -146,15 +143,15 @@ def ratios_with_chains(
 
 
 def part_of_body(drive: Any, b: int) -> Any:
-    """Sprocket or shaft of a body's number."""
+    """Sprocket or shaft of body number b."""
     count = len(drive.sprockets)
     return drive.sprockets[b] if b < count else drive.shafts[b - count]
 
 
 def driving_body(drive: Any) -> int:
-    """Number of the driving body: the first prescribed, else with a motor, else started, else loaded, else the first.
+    """Number of the driving body: prescribed, with a motor, started, loaded, or the first.
 
-    Bodies tied to a chain come first; ends of chains drive only where nothing else does.
+    Bodies tied to a chain come first, ends of chains last.
     """
     parts = [
         (b, part) for b, part in enumerate((*drive.sprockets, *drive.shafts)) if not getattr(part, "is_end", False)
@@ -165,12 +162,12 @@ def driving_body(drive: Any) -> int:
 
 
 def driving_sprocket(drive: Any) -> int:
-    """Index of the driving sprocket: the first prescribed, or the nearest to the driving body."""
+    """Index of the sprocket nearest to the driving body."""
     return nearest_sprocket(drive, driving_body(drive)) or 0
 
 
 def nearest_sprocket(drive: Any, body: int) -> int | None:
-    """Index of the sprocket nearest to a body; None without one."""
+    """Index of the sprocket nearest to a body by ties, or None."""
     if body < len(drive.sprockets):
         return body
     seen = [body]

@@ -1,14 +1,6 @@
-"""Chains by size: dimensions, mass, breaking load, and an estimate of a link's stiffness.
+"""Catalogue of chains by size: dimensions, mass, breaking load, estimated stiffness.
 
-Dimensions and strengths are of ISO 606:2015, Table 1 (series A's strengths of ASME B29.1), and ISO 10190:2008 for
-motorcycles; pitches and widths of silent chains are of ASME B29.2M. Sources: docs/catalogue.md. Masses beyond simplex
-chains of ISO 606 are estimates, as all else is of silent chains:
-
-    several strands:    m' = n m'_1;  series A and heavy series  F_u = n F_u1                                    (a)
-    motorcycles:        m' = m'_0 + rho pi d1^2 (b1 - b1_0) / (4 p), index 0 of ISO 606 with pitch and roller    (b)
-    bush chains:        d1, b1, d2 with p, and m', F_u with p^2, from 06C                                        (c)
-    084:                m' = m'_0 F_u / F_u0, index 0 for 083                                                    (d)
-    silent chains:      m' = 0.95 rho p b / 2, plates in half the width b;  F_u = 12,500 lbf p b / in^2          (e)
+Of ISO 606:2015, ISO 10190:2008, ASME B29.1 and B29.2M; docs/catalogue.md has all sources and estimates.
 """
 
 from __future__ import annotations
@@ -20,16 +12,16 @@ from dataclasses import dataclass, replace
 from warpchain.drive.plate import BACK_HEIGHT, PIN_RADIUS, PLATE_AREA
 
 ELONGATION_AT_BREAKING_LOAD = 0.01
-"""Elongation of an elastic link at the breaking load [-], for the estimate of stiffness."""
+"""Elongation of an elastic link at the breaking load [-]."""
 
 INNER_WIDTHS = 1.48
-"""Width of a bush over that between a link's inner plates, b_2 / b_1 [-], of ISO 606 within 3 %."""
+"""Width of a bush over that between inner plates [-]."""
 
 
 STEEL = 7850.0
 """Density of steel [kg/m^3]."""
 SERIES_A_STRENGTH = 12_500.0 * 4.4482216152605 / 0.0254**2
-"""Strength of a series A strand over its squared pitch [N/m^2]."""
+"""Series A strand's strength over squared pitch [N/m^2]."""
 
 
 @dataclass(frozen=True)
@@ -37,13 +29,13 @@ class CatalogueChain:
     """Chain of a size of the catalogue.
 
     Attributes:
-        size: number in its standard, such as "16B-2" with two strands.
+        size: such as "16B-2" with two strands.
         pitch: p [m].
-        roller_diameter: d1, largest [m]; of a bush chain the bush's, of a silent one twice its back's height.
-        inner_width: b1, between the inner plates of a strand, least [m]; of a silent chain its nominal width.
-        pin_diameter: d2, largest [m].
+        roller_diameter: d1 [m]; of a bush chain the bush's, of a silent one twice its back's height.
+        inner_width: b1 [m]; of a silent chain its nominal width.
+        pin_diameter: d2 [m].
         mass_per_length: approximate [kg/m].
-        breaking_load: F_u, least tensile strength [N].
+        breaking_load: F_u [N].
         standard: "" for none.
         estimate: which values are estimates, and how formed; "" for none.
         kind: "roller", also of bush chains, or "silent".
@@ -63,25 +55,22 @@ class CatalogueChain:
 
     @property
     def roller_radius(self) -> float:
-        """Outer radius of the roller [m]."""
+        """Outer radius of the chain's roller [m]."""
         return self.roller_diameter / 2.0
 
     @property
     def pin_radius(self) -> float:
-        """Radius of the pin [m]."""
+        """Radius of the chain's pin [m]."""
         return self.pin_diameter / 2.0
 
     @property
     def bearing_share(self) -> float:
-        """Width of a joint's bearing over `inner_width` [-]: that of the bushes; of a silent chain half its own."""
+        """Width of a chain joint's bearing over `inner_width` [-]."""
         return 0.5 if self.kind == "silent" else INNER_WIDTHS
 
     @property
     def estimated_stiffness(self) -> float:
-        """Estimated axial stiffness of one link [N/m]: breaking load / (0.01 pitch).
-
-        A measured one may be a third of it, or three times as much.
-        """
+        """Estimated axial stiffness of a link, within a factor of 3 [N/m]."""
         return self.breaking_load / (ELONGATION_AT_BREAKING_LOAD * self.pitch)
 
 
@@ -131,7 +120,6 @@ _ESTIMATED = {
     "084": "mass: that of 083 times the ratio of the breaking loads",
     "085": "mass: half a maker's duplex chain's",
 }
-"""Estimates in the table's rows by size."""
 _HEAVY_TABLE = """
 size   like   kg/m
 60H     12A   1.87
@@ -144,7 +132,7 @@ size   like   kg/m
 200H    40A  19.16
 240H    48A  30.40
 """
-"""Sizes of the heavy series: series A with thicker plates."""
+"""Heavy series: series A with thicker plates."""
 _KART = CatalogueChain(
     size="219H",
     pitch=7.774e-3,
@@ -176,11 +164,11 @@ _SILENT_WIDTHS = {
     12: (12, 16, 24),
     16: (16, 24, 32),
 }
-"""Usual widths of silent chains [1/4 in] by pitch [1/8 in], the numerals of ASME B29.2M after SC."""
+"""Usual widths of silent chains [1/4 in] by pitch [1/8 in]."""
 
 
 def _catalogue_rows(table: str) -> Iterator[tuple[list[str], CatalogueChain]]:
-    """Cells of a table's lines and their chains; mass 0 where a like chain is named."""
+    """Cells and chains of a catalogue table's lines."""
     for line in table.split("\n")[2:-1]:
         cells = line.split()
         size, pitch, roller, width, pin, mass, load = cells[:7]
@@ -199,7 +187,7 @@ def _catalogue_rows(table: str) -> Iterator[tuple[list[str], CatalogueChain]]:
 
 
 def _multi_strand_chains(chain: CatalogueChain, duplex: str = "", triplex: str = "") -> Iterator[CatalogueChain]:
-    """Simplex chain with the duplex and triplex ones of its size, (a); breaking loads [kN]."""
+    """Simplex, duplex and triplex chain of a size; loads in kN."""
     yield chain
     for strands, load in ((2, duplex), (3, triplex)):
         yield replace(
@@ -213,14 +201,14 @@ def _multi_strand_chains(chain: CatalogueChain, duplex: str = "", triplex: str =
 
 
 def _motorcycle_chain(chain: CatalogueChain, like: CatalogueChain) -> CatalogueChain:
-    """Chain of ISO 10190 with its mass from a chain of another width, (b)."""
+    """Motorcycle chain, its mass from a chain of another width."""
     more = STEEL * math.pi * chain.roller_diameter**2 * (chain.inner_width - like.inner_width) / (4.0 * chain.pitch)
     estimate = f"mass: of {like.size} with its own width, good to a tenth"
     return replace(chain, mass_per_length=like.mass_per_length + more, standard="ISO 10190", estimate=estimate)
 
 
 def _bush_chain(pitch: float, like: CatalogueChain) -> CatalogueChain:
-    """Bush chain of a pitch [m] with the proportions of a known one, (c)."""
+    """Bush chain of a pitch in another's proportions."""
     scale = pitch / like.pitch
     return CatalogueChain(
         size=f"bush-{1e3 * pitch:g}",
@@ -236,7 +224,7 @@ def _bush_chain(pitch: float, like: CatalogueChain) -> CatalogueChain:
 
 
 def _silent_chain(size: str, pitch: float, width: float, standard: str = "") -> CatalogueChain:
-    """Silent chain of a pitch and a nominal width [m], (e)."""
+    """Silent chain of a pitch and nominal width."""
     kept = "pitch and width" if standard else "the pitch; its width is two pitches"
     return CatalogueChain(
         size=size,
@@ -253,7 +241,7 @@ def _silent_chain(size: str, pitch: float, width: float, standard: str = "") -> 
 
 
 def _catalogue_chains() -> Iterator[CatalogueChain]:
-    """Every chain of the catalogue."""
+    """Chains of the catalogue."""
     plain = {}
     for cells, chain in _catalogue_rows(_TABLE):
         plain[chain.size] = chain
@@ -282,11 +270,10 @@ def _catalogue_chains() -> Iterator[CatalogueChain]:
 
 
 CHAINS: dict[str, CatalogueChain] = {chain.size: chain for chain in _catalogue_chains()}
-"""Chains of the catalogue by size."""
 
 
 def _roller_text(chain: CatalogueChain) -> str:
-    """Diameter of a chain's rollers [mm] as text; a dash for none."""
+    """Text of a chain's roller diameter in mm, or a dash."""
     return "-" if chain.kind == "silent" else f"{1e3 * chain.roller_diameter:.2f}"
 
 

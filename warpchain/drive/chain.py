@@ -58,19 +58,18 @@ Kind = Annotated[Literal["roller", "silent"], Value('must be "roller" or "silent
 FlankAngle = Annotated[float, Field(strict=True, ge=20, le=45), Value("must be a number of degrees from 20 to 45")]
 
 MOST_LINKS = 1_000_000
-"""Most links of a chain."""
 
 ESTIMATE = "estimate"
-"""Word for the catalogue's estimate of stiffness."""
+"""Word for the catalogue's stiffness."""
 
 
 def _size_text(value: Any) -> str:
-    """Error sentence about a size that the catalogue lacks."""
+    """Error sentence on a size that the catalogue lacks."""
     return f"must be a size that `warpchain chains` lists; {nearest_key_text(str(value), CHAINS, 4)}"
 
 
 def _check_size(value: str) -> str:
-    """The size of a chain, if it is in the catalogue."""
+    """The size of a chain, if the catalogue has it."""
     if value not in CHAINS:
         raise PydanticCustomError(WRONG, "{text}", {"text": _size_text(value)})
     return value
@@ -89,7 +88,7 @@ Stiffness = Annotated[
 
 
 def _with_back_as_radius(values: Mapping[str, Any]) -> Mapping[str, Any]:
-    """Values of a silent chain, which touches guides as rollers of its back's height would."""
+    """Values of a silent chain, its back as roller radius."""
     if values.get("roller_radius") is not None:
         return values
     key, part = ("pitch", BACK_HEIGHT) if values.get("back_height") is None else ("back_height", 1.0)
@@ -100,10 +99,10 @@ def _with_back_as_radius(values: Mapping[str, Any]) -> Mapping[str, Any]:
 
 
 def chain_plate(chain: Any) -> Plate:
-    """Plate of a silent chain, or of the values of one."""
+    """Plate of a silent chain or its values."""
 
     def value(key: str, part: float) -> Any:
-        """A length [m], or `part` of the pitch where there is none."""
+        """A length [m], by default `part` of the pitch."""
         own = node_value(chain, key)
         return part * node_value(chain, "pitch") if own is None else own
 
@@ -133,12 +132,11 @@ class WornLink(Part):
 class Attachment(Part):
     """Like masses on links of a chain: buckets, flights, pushers, lugs, or one of them.
 
-    A chain's list of them is its table: rows add up, and one without `every` is that of a single link. Each mass is
-    borne by the two pins of its link by halves. It does not turn, and touches nothing.
+    A chain's list adds up. A link's pins bear each mass by halves.
 
     Attributes:
         mass: mass of one attachment [kg].
-        every: links from one attachment to the next, up to the chain's last link; None: there is only the first.
+        every: links from one attachment to the next; None: there is only the first.
         first: link that has the first one, from 0; link i joins rollers i and i + 1.
     """
 
@@ -147,7 +145,7 @@ class Attachment(Part):
     first: LinkIndex = 0
 
     def bearing_links(self, links: int) -> NDArray[np.int64]:
-        """Indices of the links that have one, of a chain of `links`."""
+        """Indices of a chain's links that bear attachments."""
         import numpy as np
 
         return np.arange(self.first, links, self.every or links)
@@ -156,15 +154,12 @@ class Attachment(Part):
 class StrandLoad(Part):
     """Goods that lie on one strand of a chain, and move with it.
 
-    A pin carries what lies within half a pitch of it. Goods come on at `begin`, and fall off at `end` at the chain's
-    velocity.
-
     Attributes:
         load_per_length: mass of the goods on one meter [kg/m].
         between: names of the two sprockets between which the strand is, in the order of the chain's travel.
-        begin: way along the strand at which goods come on [m], from where it leaves the first of the two.
+        begin: way along the strand at which goods come on [m].
         end: way at which they fall off [m]; None is the strand's end.
-        feed_speed: speed along the strand at which they come on [m/s]; the chain brings them to its own.
+        feed_speed: speed along the strand at which they come on [m/s].
     """
 
     load_per_length: NonNegative
@@ -175,6 +170,7 @@ class StrandLoad(Part):
 
     @classmethod
     def _rules(cls, node: Any) -> Iterable[Problem]:
+        """Problems of a strand's goods."""
         begin, end = node_value(node, "begin"), node_value(node, "end")
         if are_numbers(begin, end) and end <= begin:
             yield Problem(("end",), end, f"must be more than begin, {begin:g}")
@@ -185,7 +181,7 @@ class Joint(Part):
 
     Attributes:
         friction: coefficient of friction of pin and bush, mu_d [-].
-        pin_radius: radius of the pins, r_p [m]; None is d2/2.
+        pin_radius: r_p [m]; None is d2/2.
         factor: spread of the pressure, kappa [-]: 1 line contact, 4/pi worn in, pi/2 new.
         static_friction: coefficient at rest, mu_s [-]; None is mu_d.
         stribeck_speed: speed over which mu falls from mu_s to mu_d, v_s [m/s].
@@ -205,6 +201,7 @@ class Joint(Part):
 
     @classmethod
     def _rules(cls, node: Any) -> Iterable[Problem]:
+        """Problems of a chain joint's friction."""
         dynamic, static = node_value(node, "friction"), node_value(node, "static_friction")
         if are_numbers(dynamic, static) and static < dynamic:
             yield Problem(("static_friction",), static, f"must be at least friction, {dynamic:g}")
@@ -218,8 +215,8 @@ class OuterLinks(Part):
 
     Attributes:
         elongation: wear over the pitch [-].
-        stiffness: stiffness of one outer link [N/m].
-        damping: damping of one outer link [N s/m].
+        stiffness: of one outer link [N/m].
+        damping: of one outer link [N s/m].
     """
 
     elongation: Elongation | None = None
@@ -238,17 +235,17 @@ class Chain(Part):
         ends: names of the two sprockets without teeth that hold an open chain; None is a loop.
         roller_mass: mass of one pitch of chain [kg]; this or mass_per_length.
         mass_per_length: mass of one meter of chain [kg/m].
-        stiffness: stiffness of one link [N/m]; "estimate" is the catalogue's for the size.
-        damping: damping of one link [N s/m]; this or damping_ratio.
-        damping_ratio: damping ratio of one link, zeta [-]: damping = 2 zeta sqrt(stiffness mass).
+        stiffness: of one link [N/m]; "estimate" is the catalogue's for the size.
+        damping: of one link [N s/m]; this or damping_ratio.
+        damping_ratio: of one link, zeta [-]: damping = 2 zeta sqrt(stiffness mass).
         roller_radius: radius of the rollers [m].
         elongation: wear of every link over the pitch [-].
         worn_links: links with an elongation of their own.
-        joint: friction of its joints; None is none.
-        outer: values of the outer links, those of even index; None is those of all.
+        joint: friction of its joints.
+        outer: values of the outer links, those of even index, where they differ.
         play: way that a link moves out or in before its spring acts, s [m]; None is 0.
         attachments: masses on links.
-        load: goods on a strand; None is none.
+        load: goods on a strand.
         flank_angle: angle of a toe's flank to its link's normal [degrees]; None is 30.
         flank_distance: distance of a flank's line from its pin's axis [m]; None is 0.375 p.
         back_height: height of the back above the line of the pins [m]; None is 0.4 p.
@@ -295,12 +292,12 @@ class Chain(Part):
 
     @property
     def is_open(self) -> bool:
-        """Whether the chain has ends, between which a link is absent."""
+        """Whether the chain has ends, with a link absent between."""
         return self.ends is not None
 
     @property
     def is_silent(self) -> bool:
-        """Whether plates press wheel teeth, in place of rollers."""
+        """Whether the chain has toothed plates in place of rollers."""
         return self.kind == "silent"
 
     @property
@@ -310,12 +307,12 @@ class Chain(Part):
 
     @property
     def rollers(self) -> int:
-        """Number of rollers, N: one for each link, one more of an open chain."""
+        """Number of the chain's rollers, N."""
         return self.links + self.is_open
 
     @property
     def bare_mass(self) -> float:
-        """Mass of one roller with its share of the links, without attachments [kg]."""
+        """Mass of a roller with its links, without attachments [kg]."""
         if self.roller_mass is not None:
             return self.roller_mass
         assert self.mass_per_length is not None  # the chain's own rule
@@ -323,7 +320,7 @@ class Chain(Part):
 
     @property
     def mass(self) -> float:
-        """Mass of one roller with its share of links and attachments, in the mean [kg]."""
+        """Mean mass of a roller, with links and attachments [kg]."""
         if not self.attachments:
             return self.bare_mass
         import numpy as np
@@ -335,7 +332,7 @@ class Chain(Part):
 
     @property
     def lightest_mass(self) -> float:
-        """Mass of the lightest roller with its share of links and attachments [kg]."""
+        """Mass of the lightest roller, with links and attachments [kg]."""
         if not self.attachments:
             return self.bare_mass
         least = self.roller_masses.min(axis=-1)
@@ -343,7 +340,7 @@ class Chain(Part):
 
     @property
     def roller_masses(self) -> NDArray[np.float64]:
-        """Masses of rollers with their shares of links and attachments [kg], (N,) or (V, N)."""
+        """Masses of rollers, with links and attachments, (N,) or (V, N) [kg]."""
         import numpy as np
 
         columns: tuple[Any, ...] = self.bare_mass, *(of.mass for of in self.attachments)
@@ -387,12 +384,12 @@ class Chain(Part):
 
     @property
     def outer_damping(self) -> float:
-        """Damping of an outer link [N s/m]; a damping ratio is that of inner ones."""
+        """Damping of an outer link [N s/m]."""
         return self.link_damping if self.outer is None or self.outer.damping is None else self.outer.damping
 
     @property
     def mean_stiffness(self) -> float:
-        """Stiffness of like links that make as stiff a chain [N/m]."""
+        """Stiffness of equal links in as stiff a chain [N/m]."""
         if self.outer is None:
             return self.stiffness
         series: float = 2.0 / (1.0 / self.stiffness + 1.0 / self.outer_stiffness)
@@ -400,7 +397,7 @@ class Chain(Part):
 
     @property
     def varied_links(self) -> bool:
-        """Whether links differ beside length, or have play."""
+        """Whether links differ in more than length, or have play."""
         played = self.play is not None and is_true_somewhere(self.play > 0.0)
         if self.outer is None:
             return played
@@ -409,7 +406,7 @@ class Chain(Part):
 
     @property
     def worn_pitch(self) -> float:
-        """Mean length of a link at which tension begins [m]."""
+        """Mean length of a link where tension begins [m]."""
         inner = self.pitch * (1.0 + self.elongation)
         if self.outer is None:
             return inner + self.link_play
@@ -417,13 +414,13 @@ class Chain(Part):
 
     @property
     def pulled_pair(self) -> tuple[float, float]:
-        """Lengths of an inner and outer link at which tension begins [m]."""
+        """Lengths of inner and outer links where tension begins [m]."""
         inner = self.pitch * (1.0 + self.elongation)
         return inner + self.link_play, self.outer_pitch + self.link_play
 
     @property
     def link_lengths(self) -> NDArray[np.float64]:
-        """Unloaded lengths of links [m], (N,) or (V, N); the last of an open chain is absent."""
+        """Unloaded lengths of links, (N,) or (V, N) [m]."""
         import numpy as np
 
         inner, outer = self.pitch * (1.0 + self.elongation), self.outer_pitch
@@ -441,7 +438,7 @@ class Chain(Part):
 
     @property
     def pulled_lengths(self) -> NDArray[np.float64]:
-        """Lengths of links at which tension begins [m], (N,) or (V, N)."""
+        """Lengths of links where tension begins, (N,) or (V, N) [m]."""
         return self.link_lengths + with_last_axis(self.link_play)
 
     @property
@@ -451,14 +448,14 @@ class Chain(Part):
 
     @property
     def pin_radius(self) -> float | None:
-        """Radius of the pins [m]; None without size."""
+        """Radius of the chain's pins [m]; None without size."""
         if self.joint is not None and self.joint.pin_radius is not None:
             return self.joint.pin_radius
         return None if self.size is None else CHAINS[self.size].pin_radius
 
     @property
     def joint_area(self) -> float | None:
-        """Bearing area of a joint [m^2], d2 b2, of a silent chain d2 b / 2; None without size."""
+        """Bearing area of a chain's joint [m^2]; None without size."""
         if self.size is None or self.pin_radius is None:
             return None
         size = CHAINS[self.size]
@@ -466,21 +463,22 @@ class Chain(Part):
 
     @property
     def breaking_load(self) -> float | None:
-        """Least tensile strength [N]; None without size."""
+        """Least tensile strength of the chain [N]; None without size."""
         return None if self.size is None else CHAINS[self.size].breaking_load
 
     @property
     def stiffness_is_estimate(self) -> bool:
-        """Whether the stiffness is the catalogue's estimate."""
+        """Whether the chain's stiffness is the catalogue's estimate."""
         return self.size is not None and self.stiffness == CHAINS[self.size].estimated_stiffness
 
     @classmethod
     def _unsaid_values(cls, values: Mapping[str, Any]) -> Mapping[str, Any]:
+        """Roller radius of a silent chain, unsaid by files."""
         return {"roller_radius": values.get("roller_radius")} if values.get("kind") == "silent" else {}
 
     @classmethod
     def _complete_values(cls, values: Any) -> Any:
-        """A chain's values with those that the size fills."""
+        """Values of a chain with those that its size fills."""
         if not isinstance(values, Mapping):
             return values
         if isinstance(size := values.get("size"), str):
@@ -489,7 +487,7 @@ class Chain(Part):
 
     @classmethod
     def _with_values_of_size(cls, values: Mapping[str, Any], size: str) -> Mapping[str, Any]:
-        """A chain's values with those of a size of the catalogue."""
+        """Values of a chain with those of a catalogue size."""
         if size not in CHAINS:  # which its own rule says; the stiffness that asks for its estimate is right
             return dict(values) | {"stiffness": 1.0} if values.get("stiffness") == ESTIMATE else values
         chain = CHAINS[size]
@@ -503,12 +501,14 @@ class Chain(Part):
 
     @classmethod
     def _missing_key_problem(cls, key: str, node: Any) -> Problem:
+        """Problem of a chain's missing key, or of its size."""
         if node_value(node, "size") is not None and key in cls._filled:
             return Problem(("size",), node_value(node, "size"), _size_text(node_value(node, "size")))
         return super()._missing_key_problem(key, node)
 
     @classmethod
     def _rules(cls, node: Any) -> Iterable[Problem]:
+        """Problems of a chain's values."""
         radius, pitch = node_value(node, "roller_radius"), node_value(node, "pitch")
         if node_value(node, "size") is None or node_value(node, "roller_mass") is not None:
             yield from exactly_one_rule(node, "roller_mass", "mass_per_length")
@@ -552,7 +552,7 @@ class Chain(Part):
 
 
 def _plate_rules(node: Any) -> Iterable[Problem]:
-    """Problems of a chain's plates, or of keys that chains of its kind lack."""
+    """Problems of a silent chain's plates, or of plates' keys in other chains."""
     pitch, radius = node_value(node, "pitch"), node_value(node, "roller_radius")
     if node_value(node, "kind") != "silent":
         for key in PLATE_KEYS:

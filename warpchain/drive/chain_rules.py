@@ -1,4 +1,4 @@
-"""Rules of drives with several chains: the chain of each part, and sprockets on one shaft."""
+"""Rules of drives with several chains, and of sprockets on one shaft."""
 
 from __future__ import annotations
 
@@ -10,11 +10,11 @@ from warpchain.drive.schema import BARE, Problem, is_name, nearest_key_text, nod
 from warpchain.drive.sprocket import Sprocket
 
 PARTS_NAMING_CHAINS = ("sprockets", "guides", "probes")
-"""Lists of a drive whose parts name their chain."""
+"""Lists of parts that name their chain."""
 
 
 def chain_rules(drive: Any) -> Iterator[Problem]:
-    """Problems of a missing chain, and of parts that do not name one of several."""
+    """Problems of a missing chain, and of parts that name none of several."""
     chains, alone = node_list(drive, "chains"), node_value(drive, "chain")
     if alone is None and not chains:
         yield Problem(("chain",), None, "missing; must be a table, or give a list of chains instead", BARE)
@@ -42,7 +42,7 @@ def chain_rules(drive: Any) -> Iterator[Problem]:
 
 
 def _arm_chain_rules(drive: Any) -> Iterator[Problem]:
-    """Problems of parts of unlike chains on one arm, or on arms on it."""
+    """Problems of parts of several chains on one arm."""
     seen: dict[Any, Any] = {}
     on = {
         node_value(arm, "name"): node_value(arm, "arm")
@@ -88,7 +88,7 @@ def shaft_group_rules(drive: Any) -> Iterator[Problem]:
 
 
 def _shaft_key_rules(sprockets: Sequence[Any], members: Sequence[int], shaft: Any, name: str) -> Iterator[Problem]:
-    """Problems of a shaft's load or motor beside one of its sprockets'."""
+    """Problems of a shaft's load or motor beside its sprockets'."""
     for s in members:
         if node_value(shaft, "load") is not None and node_value(sprockets[s], "load") is not None:
             text = f'not together with shafts."{name}".load; give one of the two'
@@ -99,7 +99,7 @@ def _shaft_key_rules(sprockets: Sequence[Any], members: Sequence[int], shaft: An
 
 
 def _further_sprocket_rules(sprockets: Sequence[Any], members: Sequence[int], s: int, shaft: str) -> Iterator[Problem]:
-    """Problems of a further sprocket on a shaft: chain, center, wrap, mount."""
+    """Problems of a shaft's further sprocket: chain, center, wrap, mount."""
     node, first = sprockets[s], sprockets[members[0]]
     before = [sprockets[m] for m in members if m < s]
     own, other = valid_part(Sprocket, node), valid_part(Sprocket, first)
@@ -142,4 +142,4 @@ def plane_rules(drive: Any) -> Iterator[Problem]:
 
 
 CHAIN_RULES = (chain_rules, shaft_group_rules, plane_rules)
-"""Rules of the chains of a drive, in the order of errors."""
+"""Rules of several chains, in the order of errors."""

@@ -1,4 +1,4 @@
-"""Changed copies of a drive that differ in the same numbers; only what has changed is checked."""
+"""Changed copies of a drive in the same numbers, only these checked."""
 
 from __future__ import annotations
 
@@ -15,46 +15,38 @@ if TYPE_CHECKING:
     from warpchain.drive.drive import Drive
 
 PartPlace = tuple[str | int, ...]
-"""Keys and list indices that lead to a value of a drive."""
+"""Keys and list indices of a drive's value."""
 
 
 class DriveChanges:
-    """Makes changed copies of the drive `base`."""
+    """Maker of changed copies of a drive."""
 
     def __init__(self, base: Drive) -> None:
         self.base = base
         self.forms: dict[tuple[str, ...], _DriveForm | None] = {}
 
     def changed_drive(self, values: Mapping[str, Any]) -> Drive:
-        """Copy of the drive with other values by key path.
-
-        Raises:
-            DriveError: as `Drive.with_values`.
-        """
+        """Copy of the drive with other values by key path, checked as `Drive.with_values`."""
         paths = tuple(values)
         if paths not in self.forms:
             found = self.base.with_values(values)
             self.forms[paths] = _form_of_paths(found, paths)
             return found
         form = self.forms[paths]
-        copied = None if form is None else form.copy([python_number(value) for value in values.values()])
+        copied = None if form is None else form.changed_copy([python_number(value) for value in values.values()])
         return self.base.with_values(values) if copied is None else copied
 
 
 def drive_with_numbers(drive: Drive, numbers: Mapping[PartPlace, float]) -> Drive:
-    """Copy of a drive with other numbers, checked where they stand, without warnings.
-
-    Raises:
-        DriveError: as `Drive.with_values`.
-    """
-    copied = _DriveForm(drive, list(numbers)).copy(list(numbers.values()))
+    """Copy of a drive with other numbers, checked as `Drive.with_values`, without warnings."""
+    copied = _DriveForm(drive, list(numbers)).changed_copy(list(numbers.values()))
     if copied is None:
         return drive.with_values({".".join(map(str, way)): value for way, value in numbers.items()})
     return copied
 
 
 class _DriveForm:
-    """A drive prepared for setting numbers at the places `ways`."""
+    """A drive prepared for copies with other numbers."""
 
     def __init__(self, drive: Drive, ways: Sequence[PartPlace]) -> None:
         tree: dict[str | int, Any] = {}
@@ -65,10 +57,10 @@ class _DriveForm:
             branch[way[-1]] = place
         self.change = _PartChange(drive.as_read, tree)
 
-    def copy(self, values: Sequence[Any]) -> Drive | None:
-        """The drive with other numbers; None where they are wrong."""
+    def changed_copy(self, values: Sequence[Any]) -> Drive | None:
+        """Copy of the drive with other numbers; None if wrong."""
         try:
-            drive: Drive = self.change.copy(values)
+            drive: Drive = self.change.changed_copy(values)
             drive.apply_temperature()
         except (ValidationError, _BrokenRule):
             return None
@@ -76,10 +68,10 @@ class _DriveForm:
 
 
 class _PartChange:
-    """Copies a part of a drive with other numbers, checked.
+    """Changer of a part: copies it with other numbers, checked.
 
     Args:
-        tree: which of the values goes where, by keys and list indices.
+        tree: places of values by keys and list indices.
     """
 
     def __init__(self, part: Part, tree: Mapping[Any, Any]) -> None:
@@ -97,22 +89,22 @@ class _PartChange:
             else:
                 self.numbers.append((key, own, inner, _field_validator(kind, key)))
 
-    def copy(self, values: Sequence[Any]) -> Any:
-        """The part with other numbers.
+    def changed_copy(self, values: Sequence[Any]) -> Any:
+        """Copy of the part with other numbers.
 
         Raises:
-            ValidationError: one is not allowed by itself.
-            _BrokenRule: they break a rule.
+            ValidationError: a wrong number.
+            _BrokenRule: numbers that break a rule.
         """
         changed: dict[str, Any] = {}
         for key, own, inner, checker in self.numbers:
             changed[key] = checker.validate_python(_value_with_numbers(own, inner, values))
         for key, change in self.parts:
-            changed[key] = change.copy(values)
+            changed[key] = change.changed_copy(values)
         for key, own, changes in self.lists:
             parts = list(own)
             for i, change in changes:
-                parts[i] = change.copy(values)
+                parts[i] = change.changed_copy(values)
             changed[key] = tuple(parts)
         copied = self.part.model_copy(update=changed)
         for rule in self.rules:
@@ -126,7 +118,7 @@ class _BrokenRule(Exception):
 
 
 def _value_with_numbers(own: Any, inner: Any, values: Sequence[Any]) -> Any:
-    """A number, or nested tuples of them, with other values where `inner` says which."""
+    """A drive's number or nested tuples, with other values by `inner`."""
     if not isinstance(inner, dict):
         return values[inner]
     return tuple(_value_with_numbers(part, inner[i], values) if i in inner else part for i, part in enumerate(own))
@@ -141,7 +133,7 @@ def _field_validator(kind: type[Part], key: str) -> TypeAdapter[Any]:
 
 
 def _form_of_paths(drive: Drive, paths: Sequence[str]) -> _DriveForm | None:
-    """Form of a drive for numbers at some paths; None where values are not numbers, or a path is twice."""
+    """Form of a drive for numbers at some paths, or None."""
     ways = [tuple(_place_of_path(drive, path.split("."))) for path in paths]
     ends = [_value_at_place(drive.as_read, way) for way in ways]
     if len(set(ways)) < len(ways) or not all(type(end) in (int, float) for end in ends):
@@ -158,7 +150,7 @@ def _place_of_path(node: Any, keys: Sequence[str]) -> Iterator[str | int]:
 
 
 def _value_at_place(node: Any, way: PartPlace) -> Any:
-    """Value of a part at keys and list indices; None without one."""
+    """Value of a part at keys and indices, or None."""
     for step in way:
         node = node[step] if isinstance(step, int) else node.__dict__.get(step) if isinstance(node, Part) else None
     return node

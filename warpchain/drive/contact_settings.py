@@ -1,4 +1,4 @@
-"""Contact settings of a drive: force law, restitution, and a stiffness, given or from materials."""
+"""Contact settings of a drive: force law, restitution, and stiffness or materials."""
 
 from __future__ import annotations
 
@@ -69,7 +69,7 @@ _STIFFNESS_OR_MATERIALS: Mapping[str, tuple[str, ...]] = {"stiffness": MATERIALS
 }
 
 
-def _conflicting_keys(node: Any) -> Iterator[Problem]:
+def _stiffness_conflict_rules(node: Any) -> Iterator[Problem]:
     """Problems of a contact with both a stiffness and materials."""
     given = [key for key in MATERIALS if node_value(node, key) is not None]
     if node_value(node, "stiffness") is not None and given:
@@ -77,7 +77,7 @@ def _conflicting_keys(node: Any) -> Iterator[Problem]:
         yield Problem(("stiffness",), node_value(node, "stiffness"), text)
 
 
-def stiffness_given(node: Any) -> Iterator[Problem]:
+def contact_stiffness_rules(node: Any) -> Iterator[Problem]:
     """Problems of a contact whose stiffness is given twice or not at all."""
     absent = [key for key in MATERIALS if node_value(node, key) is None]
     if node_value(node, "stiffness") is None and len(absent) == len(MATERIALS):
@@ -86,11 +86,11 @@ def stiffness_given(node: Any) -> Iterator[Problem]:
     elif node_value(node, "stiffness") is None:
         for key in absent:
             yield Problem((key,), None, f"missing; {allowed_text(ImpactLaw, key)}, or give stiffness instead", BARE)
-    yield from _conflicting_keys(node)
+    yield from _stiffness_conflict_rules(node)
 
 
 def friction_rules(node: Any) -> Iterator[Problem]:
-    """Problems of coefficients of friction that contradict each other."""
+    """Problems of a contact's coefficients of friction."""
     dynamic, resting, speed = (node_value(node, key) for key in ("friction", "static_friction", "stribeck_speed"))
     if are_numbers(resting, dynamic) and resting < dynamic:
         yield Problem(("static_friction",), resting, f"must be at least friction, {dynamic:g}")
@@ -102,7 +102,7 @@ def friction_rules(node: Any) -> Iterator[Problem]:
 
 def contact_rules(node: Any) -> Iterator[Problem]:
     """Problems of a contact's values that contradict each other."""
-    yield from stiffness_given(node)
+    yield from contact_stiffness_rules(node)
     law, exponent = node_value(node, "law"), node_value(node, "exponent")
     if isinstance(law, str) and law in LAWS and LAWS[law].viscous and exponent not in (None, 1.0):
         yield Problem(("exponent",), exponent, f'must be 1 with law = "{law}", which is linear')
@@ -120,15 +120,15 @@ class ImpactLaw(Part):
         law: name of the contact law.
         restitution: coefficient of restitution, e [-].
         restitution_means: "parameter", e of the law's formula; or "rebound", e of a free roller.
-        exponent: exponent of the penetration, n [-]; 1 is the linearised cylinder contact.
+        exponent: of the penetration, n [-]; 1 is the linearised cylinder contact.
         impact_speed_floor: least approach speed at the begin of a contact, v0 [m/s].
         stiffness: generalized stiffness, K [N/m^n]; or width, load and materials.
         width: length of the line contact [m].
         reference_load: load at which materials give K [N].
         roller, partner: materials of roller and partner.
-        friction: coefficient of dry friction, mu_d [-]; None is none.
+        friction: coefficient of dry friction, mu_d [-].
         static_friction: coefficient at rest, mu_s [-]; None is mu_d.
-        stribeck_speed: speed v_s [m/s] in mu = mu_d + (mu_s - mu_d) exp(-(v / v_s)^2).
+        stribeck_speed: v_s in mu = mu_d + (mu_s - mu_d) exp(-(v / v_s)^2) [m/s].
     """
 
     law: LawName = "lankarani-nikravesh"
@@ -149,6 +149,7 @@ class ImpactLaw(Part):
 
     @classmethod
     def _rules(cls, node: Any) -> Iterable[Problem]:
+        """Problems of a contact's values."""
         yield from contact_rules(node)
 
 
@@ -170,7 +171,7 @@ class SprocketContact(ImpactLaw):
         gap: "minimum" or "maximum" gap, with profile "iso606".
         seat_angle: angle of the seat arc [degrees]; None is 140 - 90/z, less for few teeth.
         clearance: radius of the seat less radius of the roller [m]; needed with profile "circular".
-        bush_stiffness: stiffness of bush and pin, in series with the tooth [N/m]; None is rigid.
+        bush_stiffness: of bush and pin, in series with the tooth [N/m]; None is rigid.
     """
 
     profile: Annotated[Literal["circular", "iso606"], Value('must be "circular" or "iso606"')] = "circular"
@@ -181,6 +182,7 @@ class SprocketContact(ImpactLaw):
 
     @classmethod
     def _rules(cls, node: Any) -> Iterable[Problem]:
+        """Problems of a sprocket contact's values."""
         yield from contact_rules(node)
         exponent = node_value(node, "exponent")
         curved = isinstance(exponent, (int, float)) and exponent > 1.0
@@ -207,7 +209,8 @@ class _Overrides(Part):
 
     @classmethod
     def _rules(cls, node: Any) -> Iterable[Problem]:
-        yield from _conflicting_keys(node)
+        """Problems of one guide's contact settings."""
+        yield from _stiffness_conflict_rules(node)
 
 
 if TYPE_CHECKING:
@@ -231,10 +234,7 @@ class Contact(Part):
 
 
 def merged_contact_values(base: Any, overrides: Any) -> dict[str, Any]:
-    """Contact settings of a guide by key: its own, otherwise the common ones.
-
-    Its own stiffness replaces common materials, its own material the common stiffness.
-    """
+    """Contact settings of a guide by key, its own over the common ones."""
     keys = GuideOverrides.model_fields
     own = {key: node_value(overrides, key) for key in keys if node_value(overrides, key) is not None}
     gone = {other for key in own for other in _STIFFNESS_OR_MATERIALS.get(key, ())}

@@ -1,4 +1,4 @@
-"""Text tables and DXF files that a drive file names, whose numbers become the drive's own."""
+"""Text tables and DXF files that a drive file names, read into its values."""
 
 from __future__ import annotations
 
@@ -23,26 +23,26 @@ TABLES: dict[tuple[str, ...], dict[str, type[Part]]] = {
     ("tensioners",): {"oil.supply_table": SupplyTable},
     ("valves",): {"table": LiftTable},
 }  # fmt: skip
-"""Kinds of tables that may name a file, by lists and keys of the drive."""
+"""Tables that may name a file, by the drive's lists and keys."""
 
 
 _OWNER = {OWN_KEY: "the load", "file": "the file"}
 
 
 def has_own_load(kind: type[Part]) -> bool:
-    """Whether tables of a kind may name a plug-in's load: those of torques."""
+    """Whether tables of a kind may name a plug-in's load."""
     return getattr(kind, "_quantity", "") == "torque"
 
 
 def values_with_files(values: dict[str, Any], folder: Path, source: str) -> dict[str, Any]:
-    """A drive file's values with the contents of the files that they name.
+    """A drive file's values with contents of files that it names.
 
     Args:
-        folder: folder of relative file names.
-        source: drive file's name in error lines.
+        folder: of relative file names.
+        source: drive file's name in errors.
 
     Raises:
-        DriveError: one line for each file that is unreadable or wrong.
+        DriveError: one line for each unreadable or wrong file.
     """
     problems = [*_read_tables(values, folder), *_read_profiles(values, folder), *_read_teeth(values, folder)]
     if problems:
@@ -51,7 +51,7 @@ def values_with_files(values: dict[str, Any], folder: Path, source: str) -> dict
 
 
 def _read_tables(values: dict[str, Any], folder: Path) -> list[str]:
-    """Reads the CSV files of tables, and plug-ins' loads, into `values`; returns error lines."""
+    """Reads CSV files and plug-ins' loads into `values`; returns error lines."""
     problems: list[str] = []
     for holder, key, kind, where in _named_tables(values):
         table = node_value(holder, key)
@@ -73,7 +73,7 @@ def _read_tables(values: dict[str, Any], folder: Path) -> list[str]:
 
 
 def _named_tables(values: dict[str, Any]) -> Iterator[tuple[dict[str, Any], str, type[Part], str]]:
-    """Tables that name a file or a plug-in's load: their owner, their key, kind and path in the drive."""
+    """Tables that name a file or plug-in's load: owner, key, kind, path."""
     for lists, kinds in TABLES.items():
         for parts in lists:
             for i, part in enumerate(node_list(values, parts)):
@@ -88,13 +88,13 @@ def _named_tables(values: dict[str, Any]) -> Iterator[tuple[dict[str, Any], str,
 
 
 def dxf_name(file: str) -> tuple[str, str | None] | None:
-    """File and layer of FILE.dxf or FILE.dxf#LAYER; None of other words."""
+    """File and layer of FILE.dxf or FILE.dxf#LAYER, or None."""
     path, mark, layer = file.partition("#")
     return (path, layer if mark else None) if path.lower().endswith(".dxf") else None
 
 
 def _drawn_unit(holder: Any, key: str, is_drawing: bool) -> str | None:
-    """Unit of a guide's or sprocket's drawing, taken out of its values.
+    """Unit of a drawing, taken out of a part's values.
 
     Raises:
         DriveError: it is no unit, or there is no drawing.
@@ -112,7 +112,7 @@ def _drawn_unit(holder: Any, key: str, is_drawing: bool) -> str | None:
 
 
 def _read_profiles(values: dict[str, Any], folder: Path) -> list[str]:
-    """Reads the files of guides' profiles into `values`; returns error lines."""
+    """Reads guides' profile files into `values`; returns error lines."""
     problems: list[str] = []
     for i, guide in enumerate(node_list(values, "guides")):
         file = node_value(guide, "profile")
@@ -139,7 +139,7 @@ def _read_profiles(values: dict[str, Any], folder: Path) -> list[str]:
 
 
 def _read_teeth(values: dict[str, Any], folder: Path) -> list[str]:
-    """Reads drawings of sprockets, and their missing pitches, into `values`; returns error lines."""
+    """Reads sprockets' drawings into `values`; returns error lines."""
     problems: list[str] = []
     for i, sprocket in enumerate(node_list(values, "sprockets")):
         file, teeth = node_value(sprocket, "tooth"), node_value(sprocket, "teeth")
@@ -178,6 +178,6 @@ def _path_inside(folder: Path, file: str) -> Path:
 
 
 def _part_label(part: Any, i: int) -> str:
-    """Name or number of a part in error lines."""
+    """Name or number of a drive's part in error lines."""
     name = node_value(part, "name")
     return name if isinstance(name, str) else str(i)

@@ -1,4 +1,4 @@
-"""Values that a drive file may leave out: those of a chain of a catalogue size on steel sprockets."""
+"""Values that a drive file may leave out, of a chain of a catalogue size on steel sprockets."""
 
 from __future__ import annotations
 
@@ -17,18 +17,16 @@ Values = Iterator[tuple[Path, Any]]
 CLEARANCE, BUSH_STIFFNESS = 0.004, 5.0e9
 """Clearance of a seat over the pitch [-], stiffness of bush and pin over pitch and strands [N/m^2]."""
 TOOTH_WIDTH, INNER_WIDTH = 0.93, 0.62
-"""Width of teeth over the chain's inner width, and that over the pitch, as in ISO 606 [-]."""
+"""Width of teeth over inner width, and that over the pitch [-]."""
 SAFETY = 15.0
-"""Breaking load over the pull by which contacts get their stiffness, without a load [-]."""
+"""Breaking load over the pull of drives without loads [-]."""
 LAW = {"restitution": 0.3, "restitution_means": "rebound", "impact_speed_floor": 0.02}
 STEEL_BODY = {"youngs_modulus": 210e9, "poissons_ratio": 0.3}
 TEETH_FRICTION = 0.06
 """Coefficient of friction of rollers on teeth [-]."""
 DAMPING_RATIO = 0.02
-SAMPLES_A_TOOTH, SAMPLE_RATE, CIRCUITS = 20.0, 2000.0, 2.2
-"""Samples a tooth of the driver, sampling rate without its speed [Hz], circuits of the chain in a run.
-
-The window, half of these, is a circuit at least, however they are rounded."""
+SAMPLES_A_TOOTH, SAMPLE_RATE, CIRCUITS = 20.0, 2000.0, 2.2  # half the circuits, the window, is one at least
+"""Samples a driver's tooth, sampling rate without speed [Hz], chain circuits in a run."""
 
 
 FREE_KEYS = {
@@ -40,7 +38,7 @@ FREE_KEYS = {
     "NamedChain": ("stiffness",),
     "Sprocket": ("name", "wrap"),
 }
-"""Keys of parts that have defaults of this module, by class."""
+"""Keys of parts that have defaults, by class."""
 
 
 UNKNOWN_LINKS = 100
@@ -53,17 +51,13 @@ def rounded_to_two_figures(value: float) -> float:
 
 
 def disk_mass_and_inertia(radius: float, width: float) -> tuple[float, float]:
-    """Mass [kg] and inertia [kg m^2] of a disk of steel, to two figures."""
+    """Default mass [kg] and inertia [kg m^2] of a steel disk, rounded."""
     mass = STEEL * math.pi * radius**2 * width
     return rounded_to_two_figures(mass), rounded_to_two_figures(0.5 * mass * radius**2)
 
 
 def default_values(values: Any) -> dict[Path, Any]:
-    """Defaults by key path of values that a drive leaves out and others determine.
-
-    Args:
-        values: of a drive file; numbers may be quantities.
-    """
+    """Defaults by key path that a drive's values leave out."""
     if not isinstance(values, Mapping):
         return {}
     chains = node_list(values, "chains") or [node_value(values, "chain")]
@@ -89,25 +83,25 @@ def values_with_defaults(values: Any) -> Any:
 
 
 def _positive_number(value: Any, unit: str) -> float | None:
-    """A number, or a quantity in a unit; None of anything else, or not above 0."""
+    """A positive number, or quantity in a unit, for defaults; else None."""
     found: Any = converted_number(value, unit) if isinstance(value, str) else value
     return float(found) if are_numbers(found) and found > 0.0 else None
 
 
 def _catalogue_row(chain: Any) -> CatalogueChain | None:
-    """The catalogue's row for a chain; any row for an unknown size."""
+    """Catalogue's row for a chain, any for an unknown size."""
     size = node_value(chain, "size")
     return CHAINS.get(size, CHAINS["16B"]) if isinstance(size, str) else None
 
 
-def _pitch(chain: Any) -> float | None:
-    """Pitch of a chain [m], its own or its size's."""
+def _chain_pitch(chain: Any) -> float | None:
+    """Pitch of a chain for defaults, its own or its size's [m]."""
     own, size = _positive_number(node_value(chain, "pitch"), "m"), _catalogue_row(chain)
     return size.pitch if own is None and size is not None and node_value(chain, "pitch") is None else own
 
 
 def _chain_values(values: Mapping[str, Any], alone: bool) -> Values:
-    """Defaults of chains with a size and, of a single one, its links and sprockets."""
+    """Defaults of chains with a size, and a single one's sprockets."""
     several = node_list(values, "chains")
     for k, chain in enumerate(several or [node_value(values, "chain")]):
         place: Path = ("chains", k) if several else ("chain",)
@@ -118,10 +112,10 @@ def _chain_values(values: Mapping[str, Any], alone: bool) -> Values:
         if node_value(chain, "damping") is None and node_value(chain, "damping_ratio") is None:
             yield (*place, "damping_ratio"), DAMPING_RATIO
     chain, sprockets = node_value(values, "chain"), node_list(values, "sprockets")
-    size, pitch = _catalogue_row(chain), _pitch(chain)
+    size, pitch = _catalogue_row(chain), _chain_pitch(chain)
     if not alone or size is None or pitch is None or not all(isinstance(one, Mapping) for one in sprockets):
         return
-    at = _centers(sprockets)
+    at = _sprocket_centers(sprockets)
     senses = ["ccw"] * len(sprockets) if at is None else wrap_senses(at)
     ends = node_list(chain, "ends")
     for s, sprocket in enumerate(sprockets):
@@ -145,7 +139,7 @@ def _chain_values(values: Mapping[str, Any], alone: bool) -> Values:
 
 
 def _end_values(values: Mapping[str, Any], chains: Sequence[Any]) -> Values:
-    """Defaults of the ends of open chains: not turning, unless with a shaft or a rim."""
+    """Defaults of open chains' ends."""
     ends = [name for chain in chains for name in node_list(chain, "ends")]
     for s, sprocket in enumerate(node_list(values, "sprockets") if ends else ()):
         if isinstance(sprocket, Mapping) and node_value(sprocket, "name") in ends:
@@ -155,8 +149,8 @@ def _end_values(values: Mapping[str, Any], chains: Sequence[Any]) -> Values:
                 yield ("sprockets", s, "prescribed"), {"speed": 0.0}
 
 
-def _centers(sprockets: Any) -> list[tuple[float, float]] | None:
-    """Centers of sprockets [m]; None where one is missing or wrong."""
+def _sprocket_centers(sprockets: Any) -> list[tuple[float, float]] | None:
+    """Centers of sprockets for defaults [m]; None if one is wrong."""
     found = []
     for sprocket in sprockets:
         center = node_list(sprocket, "center")
@@ -168,7 +162,7 @@ def _centers(sprockets: Any) -> list[tuple[float, float]] | None:
 
 
 def wrap_senses(centers: list[tuple[float, float]]) -> list[str]:
-    """Senses of wrap of sprockets: that of their polygon, the opposite at its notches."""
+    """Default senses of wrap of sprockets: their polygon's, opposite at notches."""
     senses = []
     for (ax, ay), (bx, by), (cx, cy) in zip(centers[-1:] + centers, centers, centers[1:] + centers[:1], strict=False):
         turn = (bx - ax) * (cy - by) - (by - ay) * (cx - bx)
@@ -177,8 +171,12 @@ def wrap_senses(centers: list[tuple[float, float]]) -> list[str]:
 
 
 def _even_links(sprockets: Any, senses: list[Any], pitch: float) -> int | None:
-    """Even number of links for a chain around sprockets (DIN 8196); None where none fits."""
-    at, count, teeth = _centers(sprockets), len(senses), [node_value(sprocket, "teeth") for sprocket in sprockets]
+    """Default even number of links around sprockets (DIN 8196), or None."""
+    at, count, teeth = (
+        _sprocket_centers(sprockets),
+        len(senses),
+        [node_value(sprocket, "teeth") for sprocket in sprockets],
+    )
     if at is None or count < 2 or not are_numbers(*teeth) or any(z < 3 for z in teeth):
         return None
     ways = [-1.0 if sense == "cw" else 1.0 for sense in senses]
@@ -197,8 +195,8 @@ def _even_links(sprockets: Any, senses: list[Any], pitch: float) -> int | None:
 
 
 def _contact_values(values: Mapping[str, Any], chain: Any) -> Values:
-    """Defaults of `[contact.sprocket]`, without it also friction, bushes and pins."""
-    contact, pitch, size = node_value(values, "contact"), _pitch(chain), _catalogue_row(chain)
+    """Defaults of `[contact.sprocket]`."""
+    contact, pitch, size = node_value(values, "contact"), _chain_pitch(chain), _catalogue_row(chain)
     given = node_value(contact, "sprocket")
     if pitch is None or not isinstance(contact, Mapping | None) or not isinstance(given, Mapping | None):
         return
@@ -225,7 +223,7 @@ def _contact_values(values: Mapping[str, Any], chain: Any) -> Values:
 
 
 def _estimated_pull(values: Mapping[str, Any], size: CatalogueChain | None, pitch: float) -> float:
-    """Estimated pull of the chain [N]: of the largest load, else a part of the breaking load."""
+    """Estimated pull of the chain, by load or breaking load [N]."""
     pulls = []
     for sprocket in node_list(values, "sprockets"):
         torque, teeth = (

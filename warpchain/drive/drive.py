@@ -1,4 +1,4 @@
-"""`Drive`: a whole drive as data, checked as one; reading and writing of drive files."""
+"""`Drive`: a whole drive as data, checked as one; its files read and written."""
 
 from __future__ import annotations
 
@@ -87,7 +87,7 @@ RULES = (
     train_rules,
     valve_rules,
 )
-"""Rules between the parts of a drive, in the order of errors."""
+"""Rules between a drive's parts, in the order of errors."""
 
 FACES = ("start", "end", "points", "radius", "arcs", "profile", "end_radius")
 PITCHES = ("chain.pitch", "chains.pitch")
@@ -105,7 +105,7 @@ NUMBER_RULES = {
     tensioner_rules: {*PITCHES, "sprockets", "guides", "arms", "tensioners"},
     train_rules: {"chains", "sprockets", "shafts", "gears", "couplings"},
 }
-"""Rules that compare numbers, with the keys of these numbers."""
+"""Rules that compare numbers, with these numbers' keys."""
 
 
 class _NoSingleChain(DriveError, AttributeError):
@@ -118,17 +118,17 @@ class Drive(Part):
     Attributes:
         chain: the chain of a drive with one.
         chains: chains of a drive with several.
-        sprockets: (S,) sprockets in their chain's order.
+        sprockets: (S,) in their chain's order.
         guides: (G,) guides.
         arms: (A,) bodies that turn about a pivot.
-        tensioners: (T,) tensioners of arms, or of sprockets on sliders.
+        tensioners: (T,) of arms, or of sprockets on sliders.
         contact: contact settings.
         run: run settings.
         probes: places where the passing chain is sensed.
-        shafts: (H,) shafts that sprockets turn with.
+        shafts: (H,) that sprockets turn with.
         gears: gear pairs between shafts.
         couplings: springs and dampers with play between shafts.
-        temperature: temperature of the drive [degrees C]; None is 20.
+        temperature: of the drive [degrees C]; None is 20.
         expansion: coefficients of expansion; None is an aluminum block, steel wheels and chain.
         valves: groups of valves that cams lift.
 
@@ -167,7 +167,7 @@ class Drive(Part):
 
     @property
     def as_read(self) -> Drive:
-        """The drive with the sizes that its file gives, at 20 degrees C."""
+        """The drive with its file's sizes, at 20 degrees C."""
         return self if self._as_read is None else self._as_read
 
     def apply_temperature(self) -> None:
@@ -178,7 +178,7 @@ class Drive(Part):
             self._as_read = as_read
 
     def model_copy(self, *, update: Mapping[str, Any] | None = None, deep: bool = False) -> Self:
-        """Unchecked copy; changed parts remove its temperature."""
+        """Unchecked copy of the drive; changed parts remove its temperature."""
         copied = super().model_copy(update=update, deep=deep)
         if self._as_read is not None and update:
             run_alone = update.keys() == {"run"}
@@ -206,12 +206,12 @@ class Drive(Part):
         """Value of the drive at a key path; None where not given.
 
         Raises:
-            DriveError: for an unknown path.
+            DriveError: an unknown path.
         """
         return value_at_path(self.as_read, path)
 
     def paths(self) -> tuple[str, ...]:
-        """Every key path that `with_values` can set."""
+        """Key paths that `with_values` can set."""
         return tuple(settable_paths(self))
 
     def require_single_chain(self) -> None:
@@ -222,7 +222,7 @@ class Drive(Part):
 
     @property
     def links(self) -> int:
-        """Number of links of all chains, and of their rollers; open chains' absent links count."""
+        """Number of links of all chains, or their rollers."""
         return sum(chain.rollers for chain in self.each_chain)
 
     @property
@@ -232,19 +232,19 @@ class Drive(Part):
 
     @property
     def chain_prefixes(self) -> tuple[str, ...]:
-        """Prefixes "CHAIN." of each chain's names of strands, links and metrics; "" of a single one."""
+        """Prefixes "CHAIN." of chains' names, "" of a single one."""
         return tuple(f"{chain.name}." for chain in self.chains) or ("",)
 
     @property
     def sprockets_by_chain(self) -> tuple[tuple[Chain, tuple[Sprocket, ...]], ...]:
-        """Each chain with its sprockets, in order."""
+        """Each chain of the drive with its sprockets, in order."""
         names = [getattr(chain, "name", None) for chain in self.each_chain]
         around = [tuple(of for of in self.sprockets if of.chain == name) for name in names]
         return tuple(zip(self.each_chain, around, strict=True))
 
     @property
     def driver(self) -> int:
-        """Index of the driving sprocket: the first prescribed, or nearest to the driving body."""
+        """Index of the drive's driving sprocket."""
         return driving_sprocket(self)
 
     @property
@@ -257,16 +257,19 @@ class Drive(Part):
 
     @classmethod
     def _source(cls) -> str:
+        """Prefix of a drive's error lines: none."""
         return ""
 
     @classmethod
     def _problem(cls, detail: Any, values: Any) -> Problem:
+        """A validator's error as a problem of the drive."""
         problem = super()._problem(detail, values)
         several = problem.path == ("chain",) and isinstance(problem.value, list | tuple)
         return problem._replace(text="must be a table; a list of them is chains, [[chains]]") if several else problem
 
     @classmethod
     def _rules(cls, node: Any) -> Iterable[Problem]:
+        """Problems between the parts of a drive."""
         chain, wrong = node_value(node, "chain"), False
         if isinstance(chain, list | tuple) and not node_list(node, "chains"):  # an error already
             node = dict(node) | {"chain": None, "chains": chain}
@@ -279,6 +282,7 @@ class Drive(Part):
 
     @classmethod
     def _number_rules(cls, changed: Mapping[str, Any]) -> Sequence[Rule]:
+        """Rules of the drive that changed numbers can break."""
         keys = set(changed)
         for kind, parts in changed.items():
             for key, inner in parts.items() if isinstance(parts, Mapping) else ():
@@ -287,12 +291,12 @@ class Drive(Part):
 
     @classmethod
     def _complete_values(cls, values: Any) -> Any:
-        """A drive's values with all defaults, a single one of `chains` as `chain`."""
+        """A drive's values with all defaults and a single chain as `chain`."""
         return values_with_defaults(cls._with_single_chain(values))
 
     @classmethod
     def _with_single_chain(cls, values: Any) -> Any:
-        """A drive's values with a single one of `chains` as `chain`."""
+        """A drive's values with a single chain as `chain`."""
         chains = node_list(values, "chains")
         if not isinstance(values, Mapping) or len(chains) != 1 or values.get("chain") is not None:
             return values
@@ -308,6 +312,7 @@ class Drive(Part):
     @model_validator(mode="wrap")
     @classmethod
     def _warn(cls, values: Any, handler: ModelWrapValidatorHandler[Self]) -> Self:
+        """Drive at its temperature, with warnings of what is unusual."""
         drive = handler(values)
         if drive is values:
             return drive
@@ -353,7 +358,7 @@ def _warn_if_catching(sprocket: Sprocket, chain: Chain, tooth: Tooth) -> None:
 
 
 def _part_without_name(part: Any, key: str, name: Any) -> Any:
-    """A part without its chain or shaft where that has this name."""
+    """A part without its chain or shaft of this name."""
     if node_value(part, key) != name:
         return part
     if isinstance(part, Part):
@@ -382,7 +387,7 @@ def loads_drive(text: str, source: str = "<text>", folder: str | os.PathLike[str
 
     Args:
         source: name of the text in error lines.
-        folder: folder of files that it names; None allows none.
+        folder: of files that it names; None allows none.
 
     Raises:
         DriveError: one line for each error of the text.
@@ -401,7 +406,7 @@ def load_drive(path: str | os.PathLike[str]) -> Drive:
     """Drive of a TOML file.
 
     Raises:
-        DriveError: if unreadable, or one line for each error.
+        DriveError: unreadable, or one line for each error.
     """
     return loads_drive(read_drive_text(path), str(path), Path(path).parent)
 
@@ -410,19 +415,19 @@ def read_drive_text(path: str | os.PathLike[str]) -> str:
     """Text of a drive file, unchecked.
 
     Raises:
-        DriveError: if unreadable or not UTF-8.
+        DriveError: unreadable or not UTF-8.
     """
     return read_text_file(path, "TOML", lambda reason: drive_error([reason], str(path)))
 
 
 @check_arguments(DriveError)
 def dumps_drive(drive: Drive) -> str:
-    """A drive as TOML text with all defaults, which `loads_drive` reads back equal."""
+    """A drive as TOML text with all defaults."""
     return drive_toml.toml_text(drive_values(drive))
 
 
 def drive_values(drive: Drive) -> dict[str, Any]:
-    """Values of a drive, with defaults, as nested tables and lists."""
+    """Values of a drive, defaults included, as nested tables."""
     values: dict[str, Any] = _values_without_empty_lists(drive.as_read.model_dump(exclude_none=True))
     for sprocket in values["sprockets"]:
         if sprocket["teeth"] == END_TEETH:
@@ -434,7 +439,7 @@ def drive_values(drive: Drive) -> dict[str, Any]:
 
 
 def _values_without_empty_lists(value: Any) -> Any:
-    """Values of a drive without empty lists, which are the default."""
+    """Values of a drive without empty lists."""
     if isinstance(value, dict):
         return {key: _values_without_empty_lists(inner) for key, inner in value.items() if inner != ()}
     return [_values_without_empty_lists(inner) for inner in value] if isinstance(value, tuple) else value
@@ -445,17 +450,13 @@ def save_drive(drive: Drive, path: str | os.PathLike[str]) -> None:
     """Writes a drive file, replacing one at once and whole.
 
     Raises:
-        DriveError: if it cannot be written.
+        DriveError: it cannot be written.
     """
     write_drive_text(dumps_drive(drive), path)
 
 
 def write_drive_text(text: str, path: str | os.PathLike[str]) -> None:
-    """Writes a drive file's text, replacing one at once and whole.
-
-    Raises:
-        DriveError: if it cannot be written.
-    """
+    """Writes a drive file's text; replaces and raises as `save_drive`."""
     try:
         write_text_file(Path(path), text)
     except OSError as error:

@@ -1,7 +1,4 @@
-"""Rules between the parts of a drive.
-
-Each yields its problems, of a drive or of a mapping that should become one, in which it passes over wrong values.
-"""
+"""Rules between the parts of a drive, or of a mapping for one; wrong values are passed over."""
 
 from __future__ import annotations
 
@@ -42,7 +39,7 @@ from warpchain.drive.tooth_shape import iso606_tooth
 
 
 def sprocket_rules(drive: Any) -> Iterator[Problem]:
-    """Problems of too few sprockets, of ends and teeth, and of undriven drives."""
+    """Problems of too few sprockets, ends, teeth, and undriven drives."""
     sprockets = node_list(drive, "sprockets")
     yield from _end_rules(drive, sprockets)
     if node_value(drive, "sprockets") is not None and len(sprockets) < 2:
@@ -57,16 +54,16 @@ def sprocket_rules(drive: Any) -> Iterator[Problem]:
 
 
 ON_TEETH = "teeth", "pitch", "tooth", "balance_wheel"
-"""Keys of sprockets that a chain's end has not."""
+"""Keys of sprockets that ends have not."""
 ON_RIMS = "key", "bearing", "load", "shaft"
-"""Keys that an end has on a rim only."""
+"""Keys of ends on rims only."""
 
 
 Path = tuple[str | int, ...]
 
 
 def _chains_with_sprockets(drive: Any) -> Iterator[tuple[Path, Any, list[Any]]]:
-    """Path of each chain in a drive, the chain, and names of its sprockets."""
+    """Path and value of each chain, and its sprockets' names."""
     sprockets = node_list(drive, "sprockets")
     several: list[tuple[Path, Any]] = [(("chains", c), of) for c, of in enumerate(node_list(drive, "chains"))]
     for path, chain in several or [(("chain",), node_value(drive, "chain"))]:
@@ -75,7 +72,7 @@ def _chains_with_sprockets(drive: Any) -> Iterator[tuple[Path, Any, list[Any]]]:
 
 
 def _end_rules(drive: Any, sprockets: Sequence[Any]) -> Iterator[Problem]:
-    """Problems of the ends of open chains, and of sprockets without teeth that are none."""
+    """Problems of open chains' ends, and of other sprockets without teeth."""
     ends: set[Any] = set()
     for path, chain, names in _chains_with_sprockets(drive):
         named = node_list(chain, "ends")
@@ -105,7 +102,7 @@ def _end_rules(drive: Any, sprockets: Sequence[Any]) -> Iterator[Problem]:
 
 
 def load_rules(drive: Any) -> Iterator[Problem]:
-    """Problems of goods between sprockets that do not follow each other."""
+    """Problems of goods between sprockets that are no neighbors."""
     for path, chain, names in _chains_with_sprockets(drive):
         between = node_list(node_value(chain, "load"), "between")
         pairs = list(zip(names, names[1:] + ([] if node_list(chain, "ends") else names[:1]), strict=False))
@@ -133,7 +130,7 @@ def shaft_rules(drive: Any) -> Iterator[Problem]:
 
 
 def guide_rules(drive: Any) -> Iterator[Problem]:
-    """Problems of guides without a contact, and of their own contacts."""
+    """Problems of guides' contacts, own or missing."""
     guides = node_list(drive, "guides")
     common = node_value(node_value(drive, "contact"), "guide")
     if guides and common is None and node_value(drive, "contact") is not None:
@@ -211,7 +208,7 @@ def _chain_size_rules(drive: Any, chain: Chain, guides: Sequence[tuple[int, Any]
 
 
 def _reference_load_rule(law: ImpactLaw, radius: float, partner_radius: float, *keys: str | int) -> Iterator[Problem]:
-    """Problem of a reference load beyond the validity of eq. (20)."""
+    """Problem of a contact's reference load too large for eq. (20)."""
     if law.stiffness is None:
         limit = largest_load(law, radius, partner_radius)
         if law.reference_load is not None and law.reference_load >= limit:
@@ -229,9 +226,9 @@ PLACES = {
     "probes": ("at",),
 }
 CLEARANCE_SLACK = 1e-9
-"""Overlap of seated toes and teeth by round-off, in pitches."""
+"""Overlap of toes and teeth by round-off, in pitches."""
 LEAST_ALONG = 0.3
-"""Least cosine between a guide's chord and its strand [-]."""
+"""Least cosine between guide and strand [-]."""
 LEAST_LEVER = 1e-3
 """Least share of a tensioner's lever or direction [-]."""
 
@@ -265,7 +262,7 @@ def place_rules(drive: Any) -> Iterator[Problem]:
 MOST_PARTS = 256
 """Most parts of a kind in a drive."""
 MOST_PIECES = 1000
-"""Most arcs and straight pieces of all guide faces together."""
+"""Most arcs and straight pieces of all guide faces."""
 LONGEST_FACE = 20_000
 """Longest guide face, in pitches."""
 
@@ -279,7 +276,7 @@ def count_rules(drive: Any) -> Iterator[Problem]:
 
 
 def face_rules(drive: Any) -> Iterator[Problem]:
-    """Problems of guide faces too long or with too many pieces."""
+    """Problems of guide faces too long or of too many pieces."""
     guides, count = node_list(drive, "guides"), 0
     if len(guides) > MOST_PARTS:
         return
@@ -313,7 +310,7 @@ def profile_rules(drive: Any) -> Iterator[Problem]:
 
 
 def tooth_rules(drive: Any) -> Iterator[Problem]:
-    """Problems of tooth gaps too small for rollers, and of too low teeth."""
+    """Problems of tooth gaps too small for rollers, or too low."""
     for s, sprocket in enumerate(node_list(drive, "sprockets")):
         chain, tooth, teeth = (
             chain_of_part(drive, sprocket),
@@ -370,7 +367,7 @@ def _toe_rules(chain: Chain, teeth: int) -> Iterator[Problem]:
 
 
 def back_rules(drive: Any) -> Iterator[Problem]:
-    """Problems of guides on the toes of a silent chain, by the nearest strand along each face, both as drawn."""
+    """Problems of guides on the toes of a silent chain."""
     for g, guide in enumerate(node_list(drive, "guides")):
         chain = chain_of_part(drive, guide)
         profile = guide_profile(guide, chain.pitch) if chain is not None and chain.is_silent else None
@@ -421,7 +418,7 @@ def _face_bend_rules(guide: Any, pitch: float) -> Iterator[Problem]:
 
 
 def arm_rules(drive: Any) -> Iterator[Problem]:
-    """Problems of parts on unknown arms, or on arms that are carried themselves."""
+    """Problems of parts on unknown arms, and of three arms in a row."""
     names = [node_value(arm, "name") for arm in node_list(drive, "arms")]
     places: list[tuple[tuple[str | int, ...], Any]] = [
         (("guides", g), guide) for g, guide in enumerate(node_list(drive, "guides"))
@@ -443,7 +440,7 @@ def arm_rules(drive: Any) -> Iterator[Problem]:
 
 
 def _parent_arm_rules(arm: Any, carrier: Any) -> Iterator[Problem]:
-    """Problem of an arm on an arm that is not on the ground."""
+    """Problem of an arm on an arm off the ground."""
     name, on = node_value(arm, "name"), node_value(carrier, "arm")
     if node_value(carrier, "name") == name or on == name:
         yield Problem(("arm",), node_value(arm, "arm"), "hangs on itself; one of the arms must stand on the ground")
@@ -468,7 +465,7 @@ def pivot_rules(drive: Any) -> Iterator[Problem]:
 
 
 def tensioner_rules(drive: Any) -> Iterator[Problem]:
-    """Problems of tensioners that push what is fixed, or away from the chain."""
+    """Problems of tensioners that push nothing, or away from the chain."""
     if not node_list(drive, "tensioners"):
         return
     arms, sprockets = (_index_by_name(node_list(drive, kind)) for kind in ("arms", "sprockets"))
@@ -508,7 +505,7 @@ def pump_rules(drive: Any) -> Iterator[Problem]:
 
 
 def _is_on_body(part: Any, on: Any) -> bool:
-    """Whether a guide or sprocket is, or is on, the body of a name."""
+    """Whether a guide or sprocket is on a named body."""
     return on in (node_value(part, "name"), node_value(part, "arm"), node_value(node_value(part, "mount"), "arm"))
 
 
@@ -524,11 +521,7 @@ def _sprockets_on_sliders(drive: Any) -> list[Any]:
 
 
 def _arm_push_rules(drive: Any, node: Any, arm_node: Any) -> Iterator[Problem]:
-    """Problem of a tensioner that turns guide faces away from the chain.
-
-    A turn by dtheta moves a face towards the chain by (r - p).t dtheta, in the mean proportional to |end - p|^2 -
-    |start - p|^2.
-    """
+    """Problem of a tensioner that turns an arm's faces away from the chain."""
     arm, tensioner = valid_part(Arm, arm_node), valid_part(Tensioner, node)
     if arm is None or tensioner is None:
         return
@@ -565,7 +558,7 @@ def _arm_push_rules(drive: Any, node: Any, arm_node: Any) -> Iterator[Problem]:
 
 
 def _arm_sprocket_rules(drive: Any, tensioner: Tensioner, arm: Arm, lever: float, pitch: float) -> Iterator[Problem]:
-    """Problem of a tensioner that turns sprockets along with their strands' pull."""
+    """Problem of a tensioner that turns an arm's sprockets with their pull."""
     parts = node_list(drive, "sprockets")
     mine = next(
         (node_value(part, "chain") for part in parts if node_value(node_value(part, "mount"), "arm") == arm.name), None
@@ -585,7 +578,7 @@ def _arm_sprocket_rules(drive: Any, tensioner: Tensioner, arm: Arm, lever: float
 
 
 def _slider_push_rules(drive: Any, node: Any, s: int) -> Iterator[Problem]:
-    """Problem of a tensioner that does not push against the strands' pull."""
+    """Problem of a tensioner that pushes a slider with its strands' pull."""
     kind = node_value(node_value(node_list(drive, "sprockets")[s], "mount"), "kind") or "fixed"
     if kind != "slider":
         name = node_value(node, "on")
@@ -616,7 +609,7 @@ def _slider_push_rules(drive: Any, node: Any, s: int) -> Iterator[Problem]:
 
 
 def _strand_pull(sprockets: list[Sprocket], s: int, pitch: float) -> tuple[float, float] | None:
-    """Sum of two strands' unit vectors on a sprocket; None without strands."""
+    """Sum of two strands' unit vectors on a sprocket, or None."""
     before, own, after = sprockets[s - 1], sprockets[s], sprockets[(s + 1) % len(sprockets)]
     away, home = _strand_heading(own, after, pitch), _strand_heading(before, own, pitch)
     if away is None or home is None:
@@ -625,10 +618,7 @@ def _strand_pull(sprockets: list[Sprocket], s: int, pitch: float) -> tuple[float
 
 
 def _strand_heading(one: Sprocket, other: Sprocket, pitch: float) -> float | None:
-    """Heading of the straight strand between two sprockets [rad].
-
-    With n its left normal, (c_2 - c_1).n = s_2 R_2 - s_1 R_1.
-    """
+    """Heading of the strand between two sprockets [rad], or None."""
     dx, dy = other.center[0] - one.center[0], other.center[1] - one.center[1]
     first, second = (part.sign * _pitch_radius(part, pitch) for part in (one, other))
     distance = math.hypot(dx, dy)

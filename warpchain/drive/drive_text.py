@@ -1,4 +1,4 @@
-"""Text of a changed drive that keeps the words, comments and units of its drive file."""
+"""Text of a changed drive that keeps its drive file's words."""
 
 from __future__ import annotations
 
@@ -18,15 +18,15 @@ if TYPE_CHECKING:
     from warpchain.drive.drive import Drive
 
 DIGITS, ALL = 9, 17
-"""Significant digits of a changed number, and of one that keeps every bit."""
+"""Significant digits of a changed number, and for every bit."""
 LONGEST = 200_000
 """Most characters of a text that is edited."""
 PASSES = 3
-"""Most times that a text is edited, as values may change others."""
+"""Most edits of a text, as values change others."""
 
 
 def self_contained_text(path: Path) -> str:
-    """Text of a drive file with the files that it names read in.
+    """Text of a drive file with its files read in.
 
     Raises:
         DriveError: a file cannot be read.
@@ -53,8 +53,7 @@ def drive_text(text: str, drive: Drive) -> str:
         text: of a file that names no other files.
 
     Returns:
-        Text that reads back as `drive` within `DIGITS`, without the comments on lines that changed; `dumps_drive`'s
-        where `text` cannot be edited.
+        Text of `drive` within `DIGITS`; `dumps_drive`'s where `text` cannot be edited.
     """
     edited = text
     for _ in range(PASSES if len(text) <= LONGEST else 0):
@@ -68,12 +67,11 @@ def drive_text(text: str, drive: Drive) -> str:
 
 
 def text_with_changes(text: str, before: Drive, after: Drive, digits: int = DIGITS, comments: bool = True) -> str:
-    """Text of a drive file with the differences of `after` from `before`.
+    """Text of a drive file with differences of `after` from `before`.
 
     Args:
-        text: TOML.
         digits: significant digits of changed numbers.
-        comments: whether lines that change keep theirs, which may be on the value before.
+        comments: whether changed lines keep theirs.
     """
     import tomlkit
 
@@ -83,7 +81,7 @@ def text_with_changes(text: str, before: Drive, after: Drive, digits: int = DIGI
 
 
 def _text_if_equal(text: str, drive: Drive) -> str | None:
-    """The text of a drive if it reads back as the drive within `DIGITS`; else None."""
+    """Text that reads back as a drive within `DIGITS`, else None."""
     try:
         return text if _is_near(drive_values(loads_drive(text)), drive_values(drive)) else None
     except DriveError:
@@ -91,7 +89,7 @@ def _text_if_equal(text: str, drive: Drive) -> str | None:
 
 
 def _is_near(one: Any, other: Any) -> bool:
-    """Whether two numbers agree within the written digits."""
+    """Whether two drives' values agree within the written digits."""
     if isinstance(one, Mapping) and isinstance(other, Mapping):
         return one.keys() == other.keys() and all(_is_near(value, other[key]) for key, value in one.items())
     if isinstance(one, list | tuple) and isinstance(other, list | tuple):
@@ -102,7 +100,7 @@ def _is_near(one: Any, other: Any) -> bool:
 
 
 def _write_differences(node: Any, before: Any, after: Any, digits: int, comments: bool = True) -> None:
-    """Writes the differences of two states of values into a tomlkit table or list."""
+    """Writes differences of two drives' values into a tomlkit table."""
     import tomlkit
 
     if isinstance(after, Mapping):
@@ -143,7 +141,7 @@ def _has_one_shape(*values: Any) -> bool:
 
 
 def _new_value_text(there: Any, old: Any, new: Any, digits: int) -> str:
-    """A new value as TOML, in the unit of the old one."""
+    """A new value as TOML, in the old one's unit."""
     quantity = QUANTITY.fullmatch(there) if isinstance(there, str) else None
     if quantity and old and isinstance(old, int | float) and isinstance(new, int | float):
         return drive_toml.inline_value(f"{new * (float(quantity[1]) / old):.{min(digits, 15)}g} {quantity[2]}")

@@ -1,8 +1,4 @@
-"""Contours of DXF drawings: faces of guides, teeth of sprockets.
-
-A contour is made of lines, arcs, polylines, ellipses and splines, end to end, in the model space or on a layer,
-`FILE.dxf#LAYER`. A face is open; a sprocket's outline is closed.
-"""
+"""Contours of DXF drawings, entities end to end: open faces of guides, closed teeth of sprockets."""
 
 from __future__ import annotations
 
@@ -26,15 +22,15 @@ Array = NDArray[np.float64]
 GAP = 2e-6
 """Largest distance of two ends that join [m]."""
 SAG = 1e-6
-"""Largest distance of a curve from its points [m]."""
+"""Largest distance of a curve from points [m]."""
 STRETCHES, MOST_STRETCHES = 40, 800
-"""Parts of a straight piece of a face, and about the most of all pieces."""
+"""Parts of a straight piece, and the most of all."""
 MOST_LOOSE = 1000
 """Most loose ends whose narrowest gap is sought."""
 ALIKE = 2e-5
-"""Largest difference of radii and places of like teeth, and of a spline from its arc [m]."""
+"""Largest difference of like teeth, and spline and arc [m]."""
 CORNER = math.radians(2.0)
-"""Largest corner between a seat and its flank [rad]."""
+"""Largest corner between seat and flank [rad]."""
 STRAIGHT = 1e3
 """Radius that counts as a straight line [m]."""
 KINDS = ("LINE", "ARC", "LWPOLYLINE", "POLYLINE", "ELLIPSE", "SPLINE")
@@ -50,25 +46,24 @@ LENGTHS = {
     "US survey ft": 1200 / 3937, "US survey in": 100 / 3937, "US survey yd": 3600 / 3937,
     "US survey mile": 6336000 / 3937,
 }  # fmt: skip
-"""Meters of each unit of drawings, international and US survey."""
+"""Meters of each unit of drawings."""
 LARGEST = 1000.0
 """Largest curve of a drawing [m]."""
 FARTHEST = 1e6
-"""Farthest place of a drawing from its origin [m]."""
+"""Farthest place from a drawing's origin [m]."""
 DEEPEST, MOST_ENTITIES = 16, 100_000
-"""Most levels of nested blocks, and most entities of placed blocks."""
+"""Most levels of blocks, and entities of placed blocks."""
 MOST_PIECES, MOST_POINTS = 10_000, 100_000
-"""Most edges of a contour, and most points along them."""
+"""Most edges of a contour, and points along them."""
 MOST_DEGREE = 11
-"""Highest degree of a spline."""
 
 
 @dataclass(frozen=True)
 class Edge:
-    """Edge of a contour: an entity of a drawing, or a piece of a polyline.
+    """Edge of a contour: an entity of a drawing, or a polyline's piece.
 
     Attributes:
-        name: type and handle, as in CAD programs.
+        name: as in CAD programs.
         points: (n, 2) along it [m].
     """
 
@@ -78,7 +73,7 @@ class Edge:
 
     @property
     def reversed_edge(self) -> Edge:
-        """The edge from its end to its start."""
+        """The contour's edge from its end to its start."""
         return replace(self, points=self.points[::-1])
 
 
@@ -91,7 +86,7 @@ def read_edges(path: Path, layer: str | None, unit: str | None = None, key: str 
 
     Raises:
         DriveError: the drawing is wrong; names the entity.
-        WarpchainError: without the package ezdxf.
+        WarpchainError: no package ezdxf.
     """
     require_extra("dxf", "DXF", WarpchainError)
     import ezdxf
@@ -135,12 +130,12 @@ def read_edges(path: Path, layer: str | None, unit: str | None = None, key: str 
 def _entities_in_space(
     space: Any, insert: tuple[str, str] | None, depth: int, passed: Iterator[int]
 ) -> Iterator[tuple[str, Any, str]]:
-    """Layer, entity and name of each entity of a space, blocks placed.
+    """Layer, entity and name of a drawing's entities, blocks placed.
 
     Args:
         insert: layer and name of the block's reference.
-        depth: number of references above.
-        passed: counts entities, points of splines and references.
+        depth: of references.
+        passed: counter of entities, points and references.
 
     Raises:
         DriveError: a wrong reference.
@@ -149,6 +144,7 @@ def _entities_in_space(
         raise DriveError(f"{insert and insert[1]}: has blocks within blocks, {DEEPEST} deep and more")
 
     def refuse(entity: Any, why: str) -> None:
+        """Raises a DriveError on an entity of a placed block."""
         raise DriveError(f"{entity.dxftype()} of {name}: cannot be drawn as its block is placed ({why})")
 
     for entity in space:
@@ -172,7 +168,7 @@ def _entities_in_space(
 
 @contextmanager
 def _reported_curve_errors(name: str) -> Iterator[None]:
-    """Context that turns errors and warnings of ezdxf on an entity into a DriveError."""
+    """Context that turns ezdxf's errors on an entity into a DriveError."""
     try:
         with np.errstate(all="ignore"):
             yield
@@ -183,7 +179,7 @@ def _reported_curve_errors(name: str) -> Iterator[None]:
 
 
 def _piece_count(entity: Any) -> int:
-    """Number of pieces of an entity before it is drawn."""
+    """Number of pieces of a drawing's entity."""
     kind = entity.dxftype()
     if kind == "SPLINE":
         return max(1, len(entity.control_points) + len(entity.fit_points), len(entity.knots) - MOST_DEGREE - 1)
@@ -191,7 +187,7 @@ def _piece_count(entity: Any) -> int:
 
 
 def _check_kind(entity: Any, name: str) -> None:
-    """Raises a DriveError for an entity that is no edge, or a wrong spline."""
+    """Raises a DriveError for a drawing's entity that is no edge."""
     kind, allowed = entity.dxftype(), ", ".join(KINDS)
     if kind not in KINDS:
         raise DriveError(f"{name}: is no edge of a contour ({allowed}); put the contour on a layer, as FILE.dxf#LAYER")
@@ -249,7 +245,7 @@ def _entity_size(piece: Any) -> float:
 
 
 def joined_edges(edges: list[Edge]) -> tuple[list[Edge], bool]:
-    """Edges in the order of a contour, and whether it is closed.
+    """Edges of a drawing in their contour's order, and whether it closes.
 
     Raises:
         DriveError: edges that join none, or a third.
@@ -288,7 +284,7 @@ def joined_edges(edges: list[Edge]) -> tuple[list[Edge], bool]:
 
 
 def _raise_open_contour(edges: list[Edge], loose: NDArray[np.intp], ends: Array) -> None:
-    """Raises the DriveError on the narrowest gap of an open contour."""
+    """Raises a DriveError on an open contour's narrowest gap."""
     loose = loose[:MOST_LOOSE]
     gaps = np.hypot(*np.moveaxis(ends[loose][:, None] - ends[loose][None], -1, 0))
     np.fill_diagonal(gaps, np.inf)
@@ -331,7 +327,7 @@ class _OutlineArc:
 
     @property
     def tangents(self) -> Array:
-        """Unit tangents (2, 2) at the arc's begin and end."""
+        """Unit tangents (2, 2) at an outline arc's ends."""
         if math.isinf(self.radius):
             along = self.edge.points[-1] - self.edge.points[0]
             return np.stack([along, along]) / np.hypot(*along)
@@ -367,8 +363,8 @@ def read_teeth(path: Path, layer: str | None, teeth: int, unit: str | None = Non
     """Tooth gap and pitch of a sprocket's drawing, by key of `ToothGap`.
 
     Raises:
-        DriveError, WarpchainError: as `read_edges`; or for an open outline, unlike teeth or number, or flanks not
-            tangent to seats.
+        DriveError, WarpchainError: as `read_edges`; or for an open outline, unlike teeth, or flanks not tangent to
+            seats.
     """
     edges, closed = joined_edges(read_edges(path, layer, unit, "tooth_unit"))
     if not closed:
@@ -422,13 +418,13 @@ def _merged_arcs(arcs: list[_OutlineArc]) -> list[_OutlineArc]:
 
 
 def _is_same_circle(a: _OutlineArc, b: _OutlineArc) -> bool:
-    """Whether two arcs are of one circle."""
+    """Whether two outline arcs are of one circle."""
     if math.isinf(a.radius) or math.isinf(b.radius) or a.turn * b.turn <= 0.0:
         return False
     return abs(a.radius - b.radius) <= ALIKE and float(np.hypot(*(a.center - b.center))) <= ALIKE
 
 
 def _joined_arc(a: _OutlineArc, b: _OutlineArc) -> _OutlineArc:
-    """One arc from the begin of `a` to the end of `b`."""
+    """One outline arc from `a` to `b`."""
     edge = replace(a.edge, points=np.concatenate([a.edge.points, b.edge.points[1:]]))
     return replace(a, edge=edge, turn=a.turn + b.turn)

@@ -1,13 +1,12 @@
 """Faces of guides: arcs and straight pieces with a continuous normal, and rounded ends.
 
-The chain rides on the left of the pieces' direction. With t the tangent where a piece begins, n = t turned left,
-curvature k (positive: concave), u = q.t and w = q.n of a point q from there, its height over the face and its place
-along it are
+The chain rides on the left. A point at u along and w left of a piece's first tangent, of curvature k (positive:
+concave), has over the face the height and the place
 
     d = g / (1 + sqrt(1 - k g)),   g = 2 w - k (u^2 + w^2),                                                (a)
     s = atan2(k u, 1 - k w) / k,                                                                           (b)
 
-of straight pieces d = w, s = u. The gradient of the height is (-k u, 1 - k w) / sqrt(1 - k g).
+over straight pieces d = w, s = u.
 """
 
 from __future__ import annotations
@@ -29,11 +28,11 @@ if TYPE_CHECKING:
 Point = tuple[float, float]
 
 SHORTEST = 1e-9
-"""Length [m] of the shortest piece of a face that is kept."""
+"""Shortest piece of a face that is kept [m]."""
 JOINT_GAP = 1e-5
-"""Largest gap between arcs of a face that join [m]."""
+"""Largest gap between a face's arcs [m]."""
 ALIGN = math.radians(0.05)
-"""Largest angle between arcs of a face that join [rad]."""
+"""Largest angle between a face's arcs [rad]."""
 
 
 class ProfileError(ValueError):
@@ -49,7 +48,7 @@ class ProfileError(ValueError):
 
 
 def wrapped_angle(angle: Any) -> Any:
-    """Angle [rad] between -pi and pi, or a stack's angles."""
+    """Angle between -pi and pi, or a stack's angles [rad]."""
     if not has_arrays(angle):
         return math.remainder(angle, 2.0 * math.pi)
     import numpy as np
@@ -58,14 +57,14 @@ def wrapped_angle(angle: Any) -> Any:
 
 
 def unit_vector(heading: Any) -> tuple[Any, Any]:
-    """Unit vector of a heading [rad], or of a stack's headings."""
+    """Unit vector of a heading, or of a stack's headings."""
     if type(heading) is float:
         return math.cos(heading), math.sin(heading)
     return quick_cos(heading), quick_sin(heading)
 
 
 def _sinc(angle: Any) -> Any:
-    """sin(x) / x of an angle, or of a stack's; 1 at 0."""
+    """sin(x) / x of an angle; 1 at 0."""
     if not has_arrays(angle):
         return math.sin(angle) / angle if angle else 1.0
     safe = where(angle == 0.0, 1.0, angle)
@@ -73,13 +72,13 @@ def _sinc(angle: Any) -> Any:
 
 
 class PieceHeights(NamedTuple):
-    """Places and heights of points over a piece of a face, (a), (b).
+    """Places and heights (K,) of points over a face's piece, (a), (b).
 
     Attributes:
-        along, across: (K,) from its start along its first tangent, and towards the chain, u and w [m].
-        place: (K,) arc length from its start, s [m].
-        height: (K,) height over it, d [m].
-        root: (K,) sqrt(1 - k g).
+        along, across: u and w [m].
+        place: s [m].
+        height: d [m].
+        root: sqrt(1 - k g).
     """
 
     along: NDArray[np.float64]
@@ -91,10 +90,10 @@ class PieceHeights(NamedTuple):
 
 @dataclass(frozen=True)
 class Piece:
-    """Arc or straight piece of a guide face, of a stack's (V,).
+    """Arc or straight piece of a guide face.
 
     Attributes:
-        start: its first point [m].
+        start: [m].
         heading: of its first tangent [rad].
         curvature: [1/m], positive to the left.
         length: [m].
@@ -107,33 +106,33 @@ class Piece:
 
     @property
     def end(self) -> Point:
-        """Last point of the piece [m]."""
+        """Last point of a face's piece [m]."""
         return self.at(self.length)[0]
 
     @property
     def end_heading(self) -> float:
-        """Heading of the piece's last tangent [rad]."""
+        """Heading of a face piece's last tangent [rad]."""
         return self.heading + self.curvature * self.length
 
     def at(self, s: float) -> tuple[Point, float]:
-        """Point [m] and heading [rad] at an arc length [m]."""
+        """Point [m] and heading [rad] of a face's piece at s."""
         half = 0.5 * self.curvature * s
         chord = s * _sinc(half)
         x, y = unit_vector(self.heading + half)
         return (self.start[0] + chord * x, self.start[1] + chord * y), self.heading + 2.0 * half
 
     def reversed_piece(self) -> Piece:
-        """The piece from its end to its start."""
+        """The face's piece from its end to its start."""
         return Piece(self.end, self.end_heading + math.pi, -self.curvature, self.length)
 
     def local_coordinates(self, point: Sequence[float]) -> tuple[float, float]:
-        """Coordinates u, w of a point over the piece [m]."""
+        """Coordinates u, w of a point over a face's piece [m]."""
         (x, y), (tx, ty) = self.start, unit_vector(self.heading)
         dx, dy = point[0] - x, point[1] - y
         return dx * tx + dy * ty, dy * tx - dx * ty
 
     def heights(self, points: NDArray[np.float64]) -> PieceHeights:
-        """Places and heights of points (K, 2) over the extended piece [m], (a), (b)."""
+        """Places and heights of points (K, 2) over a face's piece, (a), (b)."""
         import numpy as np
 
         t, k = np.array(unit_vector(self.heading)), self.curvature
@@ -144,7 +143,7 @@ class Piece:
         return PieceHeights(u, w, np.arctan2(k * u, 1.0 - k * w) / k if k else u, g / (1.0 + root), root)
 
     def place_and_height(self, point: Sequence[float]) -> tuple[float, float]:
-        """Place (b) and height (a) of a point over the extended piece [m]."""
+        """Place (b) and height (a) of a point over a face's piece [m]."""
         (u, w), k = self.local_coordinates(point), self.curvature
         g = 2.0 * w - k * (u * u + w * w)
         height = g / (1.0 + math.sqrt(max(1.0 - k * g, 0.0)))
@@ -153,12 +152,12 @@ class Piece:
 
 @dataclass(frozen=True)
 class Profile:
-    """Face of a guide with its rounded ends; the chain rides on the left.
+    """Face of a guide with rounded ends; the chain rides on the left.
 
     Places are arc lengths from the face's begin [m].
 
     Attributes:
-        pieces: first and last are the quarter circles of the ends.
+        pieces: with the ends' quarter circles.
         reversed: whether they run against the drive file.
     """
 
@@ -167,17 +166,17 @@ class Profile:
 
     @property
     def face(self) -> tuple[Piece, ...]:
-        """Pieces of the face without rounded ends."""
+        """Pieces of a guide's face without rounded ends."""
         return self.pieces[1:-1]
 
     @property
     def straight(self) -> bool:
-        """Whether the face is one straight piece."""
+        """Whether a guide's face is one straight piece."""
         return len(self.pieces) == 3 and self.pieces[1].curvature == 0.0
 
     @cached_property
     def places(self) -> tuple[float, ...]:
-        """Places (P,) at which the pieces begin [m]."""
+        """Places (P,) at which a face's pieces begin [m]."""
         begins = [-self.pieces[0].length]
         for piece in self.pieces[:-1]:
             begins.append(begins[-1] + piece.length if len(begins) > 1 else 0.0)
@@ -185,21 +184,21 @@ class Profile:
 
     @property
     def face_length(self) -> float:
-        """Length of the face [m]."""
+        """Length of a guide's face [m]."""
         return self.places[-1]
 
     @property
     def end_radius(self) -> float:
-        """Radius of the rounded ends [m]."""
+        """Radius of a face's rounded ends [m]."""
         return -1.0 / self.pieces[0].curvature
 
     def at(self, s: float) -> tuple[Point, float]:
-        """Point [m] and heading [rad] at a place of the face [m]."""
+        """Point [m] and heading [rad] at a guide face's place."""
         i = max(bisect_right(self.places, s) - 1, 0)
         return self.pieces[i].at(s - self.places[i])
 
     def locate(self, point: Sequence[float]) -> tuple[float, float] | None:
-        """Place and height of a point over the face [m]; None beyond its ends."""
+        """Place and height of a point over a guide's face [m], or None."""
         found: list[tuple[float, float]] = []
         last = self.pieces[-1]
         ahead = [
@@ -212,19 +211,19 @@ class Profile:
         return min(found, key=lambda pair: abs(pair[1]), default=None)
 
     def points(self, spacing: float, caps: bool = True) -> NDArray[np.float64]:
-        """Points (n, 2) along the face [m], at most `spacing` [m] apart.
+        """Points (n, 2) along a guide's face [m].
 
         Args:
+            spacing: largest distance of two [m].
             caps: whether rounded ends are included.
         """
         return self.offset_points(0.0, spacing, caps)
 
     def offset_points(self, offset: float, spacing: float, caps: bool = True) -> NDArray[np.float64]:
-        """Points (n, 2) at a height over the face [m].
+        """Points (n, 2) at a height over a guide's face [m].
 
         Args:
-            spacing: of their feet on the face [m].
-            caps: whether rounded ends are included.
+            spacing, caps: as of `points`.
         """
         import numpy as np
 
@@ -246,7 +245,6 @@ def make_profile(face: Iterable[Piece], end_radius: float, side: str = "left") -
     """Face of a guide with its rounded ends.
 
     Args:
-        end_radius: [m].
         side: on which the chain rides, "left" or "right".
     """
     pieces = tuple(face)
@@ -260,15 +258,13 @@ def make_profile(face: Iterable[Piece], end_radius: float, side: str = "left") -
 
 
 def straight_face(start: Point, end: Point) -> tuple[Piece, ...]:
-    """Face of a straight bar between two points [m]."""
+    """Guide face of a straight bar between two points."""
     x, y = end[0] - start[0], end[1] - start[1]
     return (Piece((start[0], start[1]), math.atan2(y, x), 0.0, math.hypot(x, y)),)
 
 
 def rounded_face(points: Sequence[Point], radius: float) -> tuple[Piece, ...]:
-    """Face along points, corners rounded with a radius [m].
-
-    An arc that turns by b begins R tan(b/2) from its corner.
+    """Guide face along points, corners rounded with a radius.
 
     Raises:
         ProfileError: equal neighbors, or no room for an arc.
@@ -302,7 +298,7 @@ def rounded_face(points: Sequence[Point], radius: float) -> tuple[Piece, ...]:
 
 
 def arc_face(circles: Sequence[tuple[Point, float, float, float]]) -> tuple[Piece, ...]:
-    """Face along arcs, with straight pieces on common tangents.
+    """Guide face along arcs, with straight pieces on common tangents.
 
     Args:
         circles: centers, radii [m], angles of entry and exit [rad].
@@ -334,5 +330,5 @@ def arc_face(circles: Sequence[tuple[Point, float, float, float]]) -> tuple[Piec
 
 
 def _long_pieces(pieces: Iterable[Piece]) -> tuple[Piece, ...]:
-    """Pieces longer than `SHORTEST`."""
+    """Pieces of a face longer than `SHORTEST`."""
     return tuple(piece for piece in pieces if piece.length > SHORTEST)

@@ -1,4 +1,4 @@
-"""Columns of the text tables that a drive file names, their units, and lifts for a whole turn."""
+"""Columns of the text tables that a drive file names, units, and lifts for a whole turn."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ class FileColumns(NamedTuple):
     """The columns that a text table of a drive may have.
 
     Attributes:
-        over: keys of which it has one, ascending; none for points.
+        over: keys of which it has one, ascending.
         of: keys of which it has one at least.
         needs_all: whether it needs all of them.
     """
@@ -45,20 +45,20 @@ FILE_KEYS = {
     "decimal": "sign before decimals in the file, a point or a comma; default the one that all its numbers have",
     "head": "line of the names in the file; default the one above the numbers",
 }
+"""Keys that say how a text table is read, with descriptions."""
 OWN_KEY = "own"
-"""Key of a drive file that names a plug-in's load, whose columns a table of torques then has."""
-"""Keys of a drive file that say how a text table is read, with descriptions."""
+"""Key of a drive file that names a plug-in's load."""
 LIFT_KEYS = {
     "event": "true: the file has the lift while it is open, and it rests for the rest of the turn; false: it repeats",
     "crank_turns": "turns of the crank for one of the cams, where the file has degrees of the crank: 2 of four strokes",
 }
-"""Further keys for a text table of valve lifts."""
+"""Further keys for a table of valve lifts."""
 _CRANK = re.compile(r"crank|kurbel|\b(CA|KW|CAD|CRK)\b|°(CA|KW|CRK)|deg(CA|KW|CRK)", re.IGNORECASE)
 POINTS = FileColumns((), ("x", "y"), needs_all=True)
 
 
 def columns_of(kind: type) -> FileColumns:
-    """Columns that the text table of a kind of part may have."""
+    """Columns that a kind of part's text table may have."""
     if issubclass(kind, PlaceTable):
         return FileColumns(("time",), ("x", "y"))
     if issubclass(kind, LiftTable):
@@ -82,7 +82,7 @@ def read_columns(
     known = {*allowed.over, *allowed.of, *(name.lower() for name in names.values())}
     try:
         found = read_text_table(path, table.get("decimal"), table.get("head"), known)
-        places = _named_places(found, names, allowed) if names else _places(found, allowed)
+        places = _named_column_places(found, names, allowed) if names else _column_places(found, allowed)
         units = table.get("units") or {}
         for key in units.keys() - places.keys():
             raise TableError(f"units.{key} = {value_text(units[key])}: the file has no {key}")
@@ -98,7 +98,7 @@ def read_columns(
 
 
 def _check_file_keys(table: Mapping[str, Any], allowed: FileColumns, is_lift: bool) -> None:
-    """Refuses keys beside `file` that are wrong."""
+    """Raises a DriveError for wrong keys beside a text table's `file`."""
     keys = (*allowed.over, *allowed.of)
     for key in ("columns", "units"):
         given = table.get(key, {})
@@ -119,13 +119,13 @@ def _check_file_keys(table: Mapping[str, Any], allowed: FileColumns, is_lift: bo
 
 
 def _is_count(value: Any) -> bool:
-    """Whether a value may count lines of a file."""
+    """Whether a value counts lines or turns, from 1."""
     return isinstance(value, int) and not isinstance(value, bool) and 1 <= value <= MOST_ROWS
 
 
-def _named_places(found: TextTable, names: dict[str, str], allowed: FileColumns) -> dict[str, int]:
-    """Indices of the columns that a drive file names."""
-    _check_keys(list(names), allowed, "columns: ")
+def _named_column_places(found: TextTable, names: dict[str, str], allowed: FileColumns) -> dict[str, int]:
+    """Indices of columns that a drive file names, by key."""
+    _check_column_keys(list(names), allowed, "columns: ")
     places = {key: column_place(found.names, name, 0, "columns") for key, name in names.items()}
     for key, k in places.items():
         if list(places.values()).count(k) > 1:
@@ -133,8 +133,8 @@ def _named_places(found: TextTable, names: dict[str, str], allowed: FileColumns)
     return places
 
 
-def _places(found: TextTable, allowed: FileColumns) -> dict[str, int]:
-    """Indices of a text table's columns by key: by name, else by unit.
+def _column_places(found: TextTable, allowed: FileColumns) -> dict[str, int]:
+    """Indices of a text table's columns by key, by name or unit.
 
     Raises:
         TableError: no or two columns for a key.
@@ -156,20 +156,20 @@ def _places(found: TextTable, allowed: FileColumns) -> dict[str, int]:
         if places[key] != k:
             both = f"columns #{places[key] + 1}, {found.heads[places[key]]}, and #{k + 1}, {head}, are both {key}"
             raise TableError(f"line {found.line}: {both}; {example}")
-    _check_keys(list(places), allowed, f"line {found.line}: ")
+    _check_column_keys(list(places), allowed, f"line {found.line}: ")
     return places
 
 
 def _key_of_head(head: Head, keys: tuple[str, ...]) -> str:
-    """Key that a column's name means, else the only one of its unit; "" for none."""
+    """Key that a column's name or unit means, or ""."""
     if head.name.lower() in keys:
         return head.name.lower()
     alike = [key for key in keys if unit_factor(head.unit, COLUMN_UNITS[key]) is not None]
     return alike[0] if len(alike) == 1 else ""
 
 
-def _check_keys(keys: list[str], allowed: FileColumns, where: str) -> None:
-    """Refuses columns that a table cannot have, or lacks."""
+def _check_column_keys(keys: list[str], allowed: FileColumns, where: str) -> None:
+    """Raises a TableError for a text table's wrong or missing columns."""
     over = [key for key in keys if key in allowed.over]
     of = [key for key in keys if key in allowed.of]
     if len(over) != min(len(allowed.over), 1) or not of or (allowed.needs_all and len(of) < len(allowed.of)):
@@ -197,7 +197,7 @@ def _si_column(found: TextTable, key: str, k: int, units: Mapping[str, str]) -> 
 def _check_rows(
     found: TextTable, columns: dict[str, list[float]], places: dict[str, int], allowed: FileColumns
 ) -> None:
-    """Refuses too few or many rows, rows that do not ascend, equal points."""
+    """Raises a TableError for a text table's wrong rows."""
     rows = found.rows
     if not 2 <= len(rows) <= MOST_ROWS:
         raise TableError(f"has {len(rows)} rows of numbers; must have 2 to {MOST_ROWS}")
@@ -234,7 +234,7 @@ def _turn_to_cam(columns: dict[str, list[float]], crank_turns: int | None, head:
 
 
 def _close_lift(columns: dict[str, list[float]], event: bool | None) -> None:
-    """Closes the lift of a valve event by zeros for the rest of the turn."""
+    """Closes a valve lift by zeros over the turn."""
     angle, lift = columns["angle"], columns["lift"]
     span, turn = angle[-1] - angle[0], 2.0 * math.pi
     if event is False or abs(span / turn - 1.0) <= TURN_TOLERANCE:

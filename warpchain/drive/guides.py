@@ -1,4 +1,4 @@
-"""Guides: the shape of their faces as a drive file gives it, and their profile (`warpchain.drive.face_profile`)."""
+"""Guides: the shape of their faces in a drive file, and their profile."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ Side = Annotated[Literal["left", "right"], Value('must be "left" or "right", see
 
 
 def _plain_points(value: Any) -> Any:
-    """Points in lists or arrays (n, 2) as tuples."""
+    """Points of a guide in lists or arrays (n, 2) as tuples."""
     rows = value.tolist() if getattr(value, "ndim", 0) == 2 else value
     return tuple(tuple(row) if isinstance(row, list) else row for row in rows) if isinstance(rows, list) else rows
 
@@ -73,17 +73,17 @@ Bolts = Annotated[
 ]
 
 SMALLEST, LARGEST = 1e-9, 1e9
-"""Radii of a face's arcs that are allowed [m]."""
+"""Radii that a face's arcs may have [m]."""
 
 MOST_POINTS = 2000
 """Most points or arcs of a guide face."""
 
 SHAPES = ("points", "arcs", "profile")
-"""Keys that give a face another shape than a straight bar's."""
+"""Keys of a face other than a straight bar."""
 
 
 def _radius_rules(node: Any, key: str) -> Iterator[Problem]:
-    """Problem of a radius that is not positive, or far too large."""
+    """Problem of a face's radius far too small or large."""
     value = node_value(node, key)
     if isinstance(value, (int, float)) and value > 0.0 and not SMALLEST <= value <= LARGEST:
         yield Problem((key,), value, f"must be from {SMALLEST:g} to {LARGEST:g} m")
@@ -103,11 +103,12 @@ class _Arc(Part):
 
     @property
     def angles(self) -> tuple[float, float]:
-        """Angles at which a face enters and leaves the arc [rad]."""
+        """Angles at which a guide's face enters and leaves the arc [rad]."""
         return math.radians(node_value(self, "from")), math.radians(node_value(self, "to"))
 
     @classmethod
     def _rules(cls, node: Any) -> Iterable[Problem]:
+        """Problems of a guide face's arc."""
         yield from place_rule(("center",), node_value(node, "center"))
         yield from _radius_rules(node, "radius")
         begin, end = node_value(node, "from"), node_value(node, "to")
@@ -140,9 +141,9 @@ class Guide(Part):
         points: corners of a line, to be rounded [m].
         arcs: arcs, with straight pieces on common tangents.
         profile: points of a measured line [m]; a file may name a file.
-        end_radius: radius of both ends [m]; None is a pitch, not with start and end.
-        radius: radius of the rounded corners of `points` [m].
-        side: side on which the chain rides.
+        end_radius: of both ends [m]; None is a pitch, not with start and end.
+        radius: of the rounded corners of `points` [m].
+        side: on which the chain rides.
         offset: distance from the face to the rollers' centers [m]; None is the rollers' radius.
         chain: chain that it guides, where there are several.
         bolts: places of screws to the housing [m]; they share its force in exports.
@@ -188,6 +189,7 @@ class Guide(Part):
 
     @classmethod
     def _rules(cls, node: Any) -> Iterable[Problem]:
+        """Problems of a guide's values."""
         ends = [key for key in ("start", "end") if node_value(node, key) is not None]
         shapes = [key for key in SHAPES if node_value(node, key) not in (None, (), [])]
         for key in shapes[1:] if not ends else shapes:
@@ -216,11 +218,12 @@ class Guide(Part):
 
     @classmethod
     def _number_rules(cls, changed: Mapping[str, Any]) -> Sequence[Rule]:
+        """Rules of the guide that changed numbers can break."""
         return () if changed.keys() <= {"offset", "contact"} else (_face_rules,)
 
 
 def _face_rules(node: Any) -> Iterable[Problem]:
-    """Problems of a guide's numbers."""
+    """Problems of the numbers of a guide's face."""
     if list(node_list(node, "start")) == list(node_list(node, "end")) != []:
         yield Problem(("end",), node_value(node, "end"), "must be another point than start")
     far = [problem for key in ("points", "profile") for i, point in enumerate(node_list(node, key))
@@ -278,7 +281,7 @@ def _face_shape(node: Any) -> tuple[str | None, tuple[Any, ...]]:
 
 @lru_cache(maxsize=1024)
 def _face_of_values(key: str, values: tuple[Any, ...]) -> tuple[Piece, ...]:
-    """Pieces of a guide face, given by a key and values."""
+    """Pieces of a guide face by key and values."""
     if key == "points":
         return rounded_face(*values)
     if key == "profile":
@@ -287,11 +290,7 @@ def _face_of_values(key: str, values: tuple[Any, ...]) -> tuple[Piece, ...]:
 
 
 def guide_profile(node: Any, pitch: float) -> Profile | None:
-    """Profile of a guide or of its values.
-
-    Args:
-        pitch: default radius of ends [m].
-    """
+    """Profile of a guide or its values, or None; `pitch` is the default end radius [m]."""
     key, values = _face_shape(node)
     if key is None:
         return None
@@ -307,5 +306,5 @@ def guide_profile(node: Any, pitch: float) -> Profile | None:
 
 @lru_cache(maxsize=1024)
 def _profile_of_values(key: str, values: tuple[Any, ...], end_radius: float, side: str) -> Profile:
-    """Profile of a guide face, given by a key and values."""
+    """Profile of a guide face by key and values."""
     return make_profile(_face_of_values(key, values), end_radius, side)

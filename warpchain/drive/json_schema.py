@@ -1,4 +1,4 @@
-"""JSON schemas of drive and study files for editors: keys, descriptions, allowed values and quantities."""
+"""JSON schemas of drive and study files for editors."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ FILE_SHAPES: dict[str, dict[str, Any]] = {
     "event": {"type": "boolean"},
     "crank_turns": {"type": "integer", "minimum": 1},
 }
-"""JSON schemas of the keys beside `file`."""
+"""JSON schemas of keys beside `file`."""
 
 DRAWN = {"Guide": "profile", "Sprocket": "tooth"}
 """Keys of parts that may name a drawing."""
@@ -36,7 +36,7 @@ UNIT = {"type": "string", "description": "unit of the DXF file, such as mm, in p
 
 
 def file_schema(top: type[Part], title: str) -> dict[str, Any]:
-    """JSON schema of a TOML file with the tables of the part `top`."""
+    """JSON schema of a TOML file with the tables of `top`."""
     whole = top.model_json_schema()
     tables = {top.__name__: whole, **whole.get("$defs", {})}
     kinds = {kind.__name__: kind for kind in _derived_parts(Part)}
@@ -63,7 +63,7 @@ def _derived_parts(kind: type[Part]) -> list[type[Part]]:
 
 
 def _rewrite_for_file(kind: type[Part], table: dict[str, Any]) -> None:
-    """Turns a part's schema into that of a file's table."""
+    """Turns a part's JSON schema into a file table's."""
     table["description"] = " ".join(inspect.cleandoc(kind.__doc__ or "").split("\n\n")[0].split())
     said = attribute_descriptions(kind)
     for key, value in table.get("properties", {}).items():
@@ -84,7 +84,7 @@ def _rewrite_for_file(kind: type[Part], table: dict[str, Any]) -> None:
 
 
 def _file_value_schema(shape: Any, measured: bool) -> Any:
-    """Schema of a value without nulls and titles; of one with a unit also quantities."""
+    """JSON schema of a file's value; also of quantities if `measured`."""
     if isinstance(shape, list):
         return [_file_value_schema(inner, measured) for inner in shape if inner != {"type": "null"}]
     if not isinstance(shape, dict):

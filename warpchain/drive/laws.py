@@ -1,4 +1,4 @@
-"""Contact laws by name: the factor of a law for a restitution, and the rebound that results."""
+"""Contact laws by name: factor for a restitution, and rebound."""
 
 from __future__ import annotations
 
@@ -17,10 +17,7 @@ Means = Literal["parameter", "rebound"]
 
 
 def hysteretic_rebound(d: float) -> float:
-    """Speed after an impact over that before [-] for a hysteresis factor d, (a).
-
-    With x = d r and y = -ln(1 - x), y - 1 + exp(-y) = d - ln(1 + d), by Newton's method.
-    """
+    """Rebound speed over impact speed for a hysteresis factor d [-]."""
     if d < 1e-4:  # both sides nearly cancel: the series of r in d
         return 1.0 - 2.0 * d / 3.0 + 4.0 * d * d / 9.0
     target = d - math.log1p(d)
@@ -34,7 +31,7 @@ def hysteretic_rebound(d: float) -> float:
 
 
 def kelvin_voigt_rebound(zeta: float) -> float:
-    """Speed after an impact over that before [-] for a damping ratio, (b)."""
+    """Rebound speed over impact speed for a damping ratio [-]."""
     root = math.sqrt(abs(1.0 - zeta * zeta))
     if root < 1e-6:
         return math.exp(-2.0 * zeta)
@@ -43,7 +40,7 @@ def kelvin_voigt_rebound(zeta: float) -> float:
 
 
 def _kelvin_voigt_zeta(restitution: float) -> float:
-    """Damping ratio for a restitution e, -ln e / sqrt(pi^2 + ln^2 e) [-]."""
+    """Damping ratio of the Kelvin-Voigt law for a restitution [-]."""
     logarithm = math.log(restitution)
     return -logarithm / math.hypot(math.pi, logarithm)
 
@@ -53,11 +50,8 @@ class Law:
     """Contact law of a drive file.
 
     Attributes:
-        force: its function in `kernels/physics/impact.py`, by name; or a plug-in's.
-        factor: dimensionless factor (d or zeta) for a restitution, 0 for 1.
-        rebound: speed after an impact over that before for a factor [-].
-        unit: unit of the factor in kernels, from stiffness K [N/m^n] and mass m [kg].
-        viscous: whether a constant damper stands beside a linear spring, with n = 1.
+        force: function of `kernels/physics/impact.py` by name, or a plug-in's.
+        factor, rebound, unit, viscous: as of `contact_law`.
     """
 
     force: Any
@@ -85,13 +79,13 @@ LAWS = {
 }
 """Contact laws by name."""
 LARGEST_FACTOR = 1e12
-"""Factor at which the rebound of every law has come down to any restitution."""
+"""Factor at which any law's rebound is next to 0."""
 LAWS_IN_USE: dict[str, None] = {}
 """Names of plug-ins' laws that drives have, in order."""
 
 
 def is_law(name: str) -> bool:
-    """Whether there is a contact law of this name, for which plug-ins of installed packages are loaded."""
+    """Whether there is a contact law of this name, also of installed plug-ins."""
     if name not in LAWS:
         plugins.load_installed_plugins()
     if name in LAWS and not isinstance(LAWS[name].force, str):
@@ -117,12 +111,12 @@ def contact_law(
     Args:
         factor: dimensionless factor for a restitution e, 0 < e <= 1; 0 for 1.
         rebound: speed after a free impact over that before for a factor [-].
-        unit: unit of the factor, from stiffness K [N/m^n] and mass m [kg], numbers or arrays.
+        unit: of the factor, from stiffness K [N/m^n] and mass m [kg], numbers or arrays.
         viscous: whether a constant damper stands beside a linear spring, with n = 1.
 
     Raises:
-        PluginError: a name that is taken or not allowed, a function that is no `warp.func`, or a factor and a rebound
-            that are no functions of numbers.
+        PluginError: a name that is taken or not allowed, no `warp.func`, or a factor and a rebound that are no
+            functions of numbers.
     """
 
     def add(force: Any) -> Any:
@@ -146,7 +140,7 @@ def contact_law(
 
 
 def _number_function(what: str, function: Callable[[float], float]) -> Callable[[float], float]:
-    """A plug-in's function of a number, whose mistakes are errors of one line."""
+    """A plug-in's function of a number, with errors of one line."""
     if not hasattr(function, "__code__"):
         raise PluginError(f"{what} must be a function of a number")
 
@@ -165,7 +159,7 @@ def law_factor(name: str, restitution: float, means: Means = "parameter") -> flo
     """Dimensionless factor of a contact law for a restitution [-].
 
     Args:
-        means: "parameter" is the law's own; "rebound" that with which a free mass rebounds so.
+        means: "parameter", the law's own; or "rebound", a free mass's.
     """
     found: float = elementwise(lambda e: _cached_law_factor(name, e, means))(restitution)
     return found

@@ -1,4 +1,4 @@
-"""Tables of a drive's speeds and torques over time or angle, and of displacements over time."""
+"""Tables of speeds and torques over time or angle, and of displacements over time."""
 
 from __future__ import annotations
 
@@ -20,15 +20,14 @@ Interpolation = Annotated[Literal["linear", "cubic"], Value('must be "linear" or
 Factor = Finite
 
 TURN_TOLERANCE = 1e-3
-"""Revolutions by which a table's angles may miss a whole number."""
+"""Revolutions by which a table's angles may miss whole ones."""
 
 MOST_ROWS = 1_000_000
-"""Most rows of a table."""
 
 SAMPLES = 720
 """Samples of a revolution in a table's spectrum."""
 NOTABLE = 0.05
-"""Least share of a spectrum's largest part that counts as a ripple [-]."""
+"""Least share of a ripple in a spectrum's largest part [-]."""
 
 
 def slowest_ripple(spectrum: NDArray[np.complexfloating]) -> int:
@@ -54,7 +53,7 @@ class Table(Part):
         angle: forward angle since the start [rad] over whole revolutions; then it repeats.
         shaft: sprocket or shaft whose revolutions `angle` counts; None is the part's own.
         interpolation: "linear", or "cubic", a monotone cubic.
-        factor: factor of the quantity.
+        factor: of the quantity.
     """
 
     time: Column | None = None
@@ -68,7 +67,7 @@ class Table(Part):
 
     @property
     def over(self) -> tuple[float, ...]:
-        """Column that the table's quantity is over: times, angles or speeds."""
+        """Column that the table is over: times, angles or speeds."""
         return next(tuple(column) for key in self._axes if (column := getattr(self, key)) is not None)
 
     @property
@@ -83,7 +82,7 @@ class Table(Part):
 
     @property
     def slowest_order(self) -> float | None:
-        """Periods per revolution of the table's slowest ripple; None over time or without ripple."""
+        """Periods per revolution of the table's slowest ripple, or None."""
         column = getattr(self, self._quantity)
         if self.angle is None or min(column) == max(column):
             return None
@@ -91,6 +90,7 @@ class Table(Part):
 
     @classmethod
     def _rules(cls, node: Any) -> Iterable[Problem]:
+        """Problems of a table's columns."""
         given = [key for key in cls._axes if node_value(node, key) is not None]
         if node_value(node, "file") is not None:
             text = "only drive files name a file; give the columns themselves, such as time and " + cls._quantity
@@ -122,7 +122,7 @@ class Table(Part):
 
 
 def _closing_rules(over: Any, values: Any, quantity: str) -> Iterator[Problem]:
-    """Problems of a table over angle that ends unlike it begins."""
+    """Problems of a table over angle that does not close."""
     turns = (over[-1] - over[0]) / (2.0 * math.pi)
     last = len(over) - 1
     if round(turns) < 1 or abs(turns - round(turns)) > TURN_TOLERANCE:
@@ -140,7 +140,7 @@ class PlaceTable(Part):
         time: instants [s], ascending; before the first it rests.
         x: displacement to the right [m], 0 in the first row; None is 0.
         y: displacement upward [m], 0 in the first row; None is 0.
-        factor: factor of the displacements.
+        factor: of the displacements.
     """
 
     time: Column
@@ -156,7 +156,7 @@ class PlaceTable(Part):
         return PlaceColumn(self.time, tuple(self.factor * place for place in column))
 
     def at(self, time: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Displacements (..., 2) [m] at instants (...) [s]."""
+        """Displacements (..., 2) at instants (...) [m]."""
         within = time.clip(self.time[0], self.time[-1])
         columns = (self.displacement_along(axis) for axis in "xy")
         x, y = (0.0 * within if column is None else column.spline(within) for column in columns)
@@ -171,11 +171,12 @@ class PlaceTable(Part):
 
     @property
     def largest_displacement(self) -> float:
-        """Upper bound of the displacement [m]."""
+        """Upper bound of the table's displacement [m]."""
         return math.hypot(*(abs(self.factor) * max(map(abs, of), default=0.0) for of in (self.x or (), self.y or ())))
 
     @classmethod
     def _rules(cls, node: Any) -> Iterable[Problem]:
+        """Problems of a displacement table's columns."""
         if node_value(node, "file") is not None:
             yield Problem(
                 ("file",), node_value(node, "file"), "only drive files name a file; give the columns themselves"
@@ -222,7 +223,7 @@ class PlaceColumn:
 
 
 def ascending_rules(key: str, over: Any) -> Iterator[Problem]:
-    """Problem of a column's first number that does not ascend."""
+    """Problem of a table column's first number that does not ascend."""
     for i in range(1, len(over)):
         if over[i] <= over[i - 1]:
             yield Problem((key, i), over[i], f"must be above the element before, {over[i - 1]:g}")
@@ -242,6 +243,7 @@ class SpeedTable(Table):
 
     @classmethod
     def _rules(cls, node: Any) -> Iterable[Problem]:
+        """Problems of a speed table's columns."""
         yield from super()._rules(node)
         over_angle, speeds = node_value(node, "angle") is not None, node_list(node, "speed")
         for i, value in enumerate(speeds if over_angle else ()):
@@ -298,6 +300,7 @@ class ClutchTable(Table):
 
     @classmethod
     def _rules(cls, node: Any) -> Iterable[Problem]:
+        """Problems of a clutch table's columns."""
         if node_value(node, "angle") is not None:
             yield Problem(("angle",), None, "not of a clutch; must be over time or speed", BARE)
         else:
@@ -335,6 +338,7 @@ class SupplyTable(Table):
 
     @classmethod
     def _rules(cls, node: Any) -> Iterable[Problem]:
+        """Problems of an oil supply table's columns."""
         if node_value(node, "angle") is not None:
             yield Problem(("angle",), None, "no pressure is over angle; give time or speed instead", BARE)
         else:
@@ -344,4 +348,3 @@ class SupplyTable(Table):
 
 
 TABLES = (Table, PlaceTable)
-"""Parts that hold columns of numbers."""

@@ -1,4 +1,4 @@
-"""Loads of plug-ins: functions of time, angle or speed that become tables of drive files (docs/plugins.md)."""
+"""Loads of plug-ins: functions of time, angle or speed that become tables (docs/plugins.md)."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 LoadFunction = Callable[["NDArray[np.float64]"], Any]
 AXES = ("time", "angle", "speed")
 CLOSED = 1e-9
-"""Part of its largest torque by which a load over angle may miss where it began; it is closed there."""
+"""Relative gap that a load over angle closes."""
 
 
 @dataclass(frozen=True)
@@ -32,7 +32,7 @@ class OwnLoad:
     rows: int
 
     def columns(self, name: str) -> dict[str, list[float]]:
-        """Columns of the load's table, its axis and `torque`, in SI units.
+        """Columns of the load's table by key, in SI units.
 
         Raises:
             PluginError: what the function raises, or values that are not one finite torque a row.
@@ -43,29 +43,28 @@ class OwnLoad:
         with function_code(self.function, f"load {name!r}"):
             torque = np.array(self.function(x.copy()), dtype=float)
             if torque.shape != x.shape or not np.isfinite(torque).all():
-                raise PluginError(f"gives {_values_text(torque)}; must be {self.rows} finite torques [N m]")
+                raise PluginError(f"gives {_wrong_torques_text(torque)}; must be {self.rows} finite torques [N m]")
         if self.over == "angle" and abs(torque[-1] - torque[0]) <= CLOSED * np.abs(torque).max():
             torque[-1] = torque[0]
         return {self.over: x.tolist(), "torque": torque.tolist()}
 
 
-def _values_text(values: NDArray[np.float64]) -> str:
-    """Words on values of a load that are not allowed."""
+def _wrong_torques_text(values: NDArray[np.float64]) -> str:
+    """Words on torques of a plug-in's load that are not allowed."""
     import numpy as np
 
     return f"an array of shape {values.shape}" if np.isfinite(values).all() else "torques that are not finite"
 
 
 OWN_LOADS: dict[str, OwnLoad] = {}
-"""Plug-ins' loads by name."""
 
 
 @check_arguments(PluginError)
 def load_law(name: str, *, over: str, end: float, rows: int = 721) -> Callable[[LoadFunction], LoadFunction]:
     """Decorator of a plug-in's function that makes it the load `name` of drive files: `table = { own = "NAME" }`.
 
-    The function gets times [s], angles [rad] or speeds [rad/s] (rows,), and returns torques (rows,) [N m]. A drive
-    that is read keeps them as its table, so that runs and archives need the plug-in no more.
+    The function gets times [s], angles [rad] or speeds [rad/s] (rows,), and returns torques (rows,) [N m]. A drive that
+    is read keeps them as its table: runs and archives need the plug-in no more.
 
     Args:
         over: "time", "angle" or "speed".
@@ -92,7 +91,7 @@ def load_law(name: str, *, over: str, end: float, rows: int = 721) -> Callable[[
 
 
 def own_columns(name: Any, axes: tuple[str, ...]) -> dict[str, list[float]]:
-    """Columns of a table that names a plug-in's load, of a kind of table with `axes`.
+    """Columns of a table over `axes` that names a plug-in's load.
 
     Raises:
         DriveError: an unknown name, or a load over another axis.

@@ -9,7 +9,7 @@ from warpchain.drive.schema import node_list, node_value, valid_part
 
 
 def chain_of_part(drive: Any, part: Any) -> Chain | None:
-    """Chain of a drive's part; None where the chain is wrong."""
+    """Chain of a sprocket, guide or probe of a drive, or None."""
     chains = node_list(drive, "chains")
     if not chains:
         return valid_part(Chain, node_value(drive, "chain"))
@@ -18,6 +18,6 @@ def chain_of_part(drive: Any, part: Any) -> Chain | None:
 
 
 def shaft_of_sprocket(sprocket: Any) -> str:
-    """Name of a sprocket's shaft; of its own, text that is no name."""
+    """Name of a sprocket's shaft, or text that is no name."""
     shaft = node_value(sprocket, "shaft")
     return shaft if shaft is not None else f"{node_value(sprocket, 'name')}="

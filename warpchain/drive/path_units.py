@@ -12,7 +12,7 @@ from warpchain.drive.schema import Part
 
 @cache
 def path_unit(kind: type[Part], path: str) -> str:
-    """Unit of the value at a key path of a part; "" for none or several."""
+    """Unit of the value at a part's key path, or ""."""
     kinds, owners, key, is_listed = {kind}, {kind}, "", False
     for word in path.split("."):
         if is_listed:  # the name or place of one of several parts
@@ -33,7 +33,7 @@ def path_unit(kind: type[Part], path: str) -> str:
 
 
 def _field_parts(shape: Any, listed: bool = False) -> Iterator[tuple[type[Part], bool]]:
-    """Parts that a field may hold, and whether as a list."""
+    """Parts that a field may hold, and whether listed."""
     if isinstance(shape, type) and issubclass(shape, Part):
         yield shape, listed
         return

@@ -1,6 +1,6 @@
 """Values of a drive's part by key path: read, listed, and changed in a checked copy.
 
-A path joins keys by dots, list elements by name or index: "sprockets.camshaft.load.harmonics.0.amplitude".
+A path joins keys by dots, list elements by name or index.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ class _UnknownPath(Exception):
 
 @cache
 def _part_fields(cls: type[Part]) -> Mapping[str, type[Part]]:
-    """Fields that hold parts or lists of parts, with the first class of each."""
+    """Fields of a part that hold parts, with their class."""
 
     def search(source: Any) -> Iterator[type[Part]]:
         """Parts that an annotation names."""
@@ -36,8 +36,8 @@ def _part_fields(cls: type[Part]) -> Mapping[str, type[Part]]:
     return {key: part for key, part in found.items() if part is not None}
 
 
-def _class_of(cls: type[Part], key: str, value: Any) -> type[Part] | None:
-    """Class of the part under a key, or of a list's element."""
+def _part_class(cls: type[Part], key: str, value: Any) -> type[Part] | None:
+    """Class of the part under a key or in its list."""
     return type(value) if isinstance(value, Part) else _part_fields(cls).get(key)
 
 
@@ -65,10 +65,10 @@ def _element_names(elements: Sequence[Any]) -> list[str]:
 
 
 def value_at_path(part: Part, path: str) -> Any:
-    """Value of a part at a key path; None if it is optional and not given.
+    """Value of a part at a key path, or None.
 
     Raises:
-        DriveError: for an unknown path.
+        DriveError: an unknown path.
     """
     try:
         return _value_below(part, type(part), path.split("."), 0)
@@ -77,7 +77,7 @@ def value_at_path(part: Part, path: str) -> Any:
 
 
 def _value_below(value: Any, cls: type[Part] | None, keys: Sequence[str], depth: int) -> Any:
-    """Value at the keys from `depth` on below a part, its class, or a list.
+    """Value at a key path's keys from `depth` on.
 
     Raises:
         _UnknownPath: none.
@@ -93,7 +93,7 @@ def _value_below(value: Any, cls: type[Part] | None, keys: Sequence[str], depth:
         raise _UnknownPath(depth, list(cls.model_fields) if cls else [])
     inner = node_value(value, key)
     return _value_below(
-        inner, None if inner is None and _is_list_field(cls, key) else _class_of(cls, key, inner), keys, depth + 1
+        inner, None if inner is None and _is_list_field(cls, key) else _part_class(cls, key, inner), keys, depth + 1
     )
 
 
@@ -101,12 +101,12 @@ def _value_below(value: Any, cls: type[Part] | None, keys: Sequence[str], depth:
 
 
 def settable_paths(part: Part) -> Iterator[str]:
-    """Every key path of a part that can be set, in the order of the file."""
+    """Key paths of a part that can be set."""
     yield from _settable_below(type(part), part, "")
 
 
 def _settable_below(cls: type[Part], part: Part | None, above: str) -> Iterator[str]:
-    """Key paths below the path `above` of a part, or of a class of parts."""
+    """Key paths below `above` of a part or class of parts."""
     for key in cls.model_fields:
         path, value = above + key, node_value(part, key)
         yield path
@@ -115,13 +115,13 @@ def _settable_below(cls: type[Part], part: Part | None, above: str) -> Iterator[
                 yield f"{path}.{word}"
                 if isinstance(element, Part):
                     yield from _settable_below(type(element), element, f"{path}.{word}.")
-        elif not _is_list_field(cls, key) and (inner := _class_of(cls, key, value)) is not None:
+        elif not _is_list_field(cls, key) and (inner := _part_class(cls, key, value)) is not None:
             yield from _settable_below(inner, value, path + ".")
 
 
 @cache
 def _is_list_field(cls: type[Part], key: str) -> bool:
-    """Whether a field is a list."""
+    """Whether a part's field is a list."""
     return isinstance(cls.model_fields[key].default, tuple)
 
 
@@ -129,7 +129,7 @@ def _is_list_field(cls: type[Part], key: str) -> bool:
 
 
 class _EditableTable(dict[str, Any]):
-    """Values of a part to be changed, and which keys were set."""
+    """Values of a part to be changed, and the keys set."""
 
     def __init__(self, cls: type[Part], values: Mapping[str, Any]) -> None:
         unsaid = cls._unsaid_values(values)
@@ -137,11 +137,8 @@ class _EditableTable(dict[str, Any]):
         self.cls = cls
         self.assigned: set[str] = set()
 
-    def put(self, key: str, value: Any) -> None:
-        """Sets a key, or removes it if the value is None.
-
-        Keys for the same thing are removed, unless set too or for an empty list.
-        """
+    def set_key(self, key: str, value: Any) -> None:
+        """Sets a part's key, or removes it for None; other keys for the same go."""
         if value is None:
             self.pop(key, None)
             return
@@ -186,12 +183,12 @@ def changed_part(part: PartType, values: Mapping[str, Any]) -> PartType:
 
 
 def python_number(value: Any) -> Any:
-    """A number of numpy as one of Python; other values stay."""
+    """A number of numpy as Python's; other values stay."""
     return value.item() if type(value).__module__ == "numpy" and getattr(value, "ndim", 1) == 0 else value
 
 
 def _set_at_path(node: Any, keys: Sequence[str], depth: int, value: Any) -> None:
-    """Sets the value at the keys from `depth` on.
+    """Sets the value at a key path's keys from `depth` on.
 
     Raises:
         _UnknownPath: none.
@@ -200,7 +197,7 @@ def _set_at_path(node: Any, keys: Sequence[str], depth: int, value: Any) -> None
     if isinstance(node, _EditableList):
         place = element_index(node, key, depth)
         if not last:
-            node[place] = _editable(node[place], node.cls)
+            node[place] = _editable_node(node[place], node.cls)
         else:
             node[place] = value
             return
@@ -211,23 +208,23 @@ def _set_at_path(node: Any, keys: Sequence[str], depth: int, value: Any) -> None
     if not isinstance(node, _EditableTable) or key not in node.cls.model_fields:
         raise _UnknownPath(depth, list(node.cls.model_fields) if isinstance(node, _EditableTable) else [])
     if last:
-        node.put(key, value)
+        node.set_key(key, value)
         return
     child = node.get(key)
-    inner = _class_of(node.cls, key, child)
+    inner = _part_class(node.cls, key, child)
     if child is None and value is None:  # nothing to take away; but there must be a place for it
         _value_below(None, inner, keys, depth + 1)
         return
-    opened = _editable(child, inner)
+    opened = _editable_node(child, inner)
     if child is None:
-        node.put(key, opened)  # a new table replaces what stands for the same thing
+        node.set_key(key, opened)  # a new table replaces what stands for the same thing
     else:
         node[key] = opened
     _set_at_path(opened, keys, depth + 1, value)
 
 
-def _editable(node: Any, cls: type[Part] | None) -> Any:
-    """A part or list in editable form; None as an empty table."""
+def _editable_node(node: Any, cls: type[Part] | None) -> Any:
+    """Editable form of a part or list for key paths."""
     if isinstance(node, (_EditableTable, _EditableList)):
         return node
     if isinstance(node, Part):
@@ -240,7 +237,7 @@ def _editable(node: Any, cls: type[Part] | None) -> Any:
 
 
 def _unknown_line(part: Part, path: str, depth: int, allowed: Iterable[str]) -> str:
-    """Error line of an unknown key path, with the nearest or allowed keys."""
+    """Error line of an unknown key path, with the nearest keys."""
     close = difflib.get_close_matches(path, list(settable_paths(part)), n=1, cutoff=0.8)
     if close:
         return f"{key_text(path)}: unknown path; did you mean {close[0]}?"

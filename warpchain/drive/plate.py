@@ -1,9 +1,7 @@
-"""Plates of silent chains: back, toes with straight flanks, and the wheel teeth that fit them.
+"""Plates of silent chains: back, toes with straight flanks, and wheel teeth (docs/silent-chains.md).
 
-In a link's frame x runs from the nearer pin into the link, y from the pins' line to the wheel. A toe's outer flank lies
-at the distance f of that pin, its normal (-cos a, sin a), from depth d_1 to d_2, and is rounded by r at its ends. Of a
-seated link flank and tooth coincide, so that half a tooth's angle is a - 2 pi / z. By pitch p, after ASME B29.2 of
-9.525 to 50.8 mm (gauge pins of 0.625 p, working faces down to 0.55 p, teeth 0.04 p above the pins' line):
+In a link's frame x runs from the nearer pin into the link, y from the pins' line to the wheel. A toe's flank lies at
+the distance f of that pin, its normal (-cos a, sin a), from depth d_1 to d_2, rounded by r. After ASME B29.2
 
     a = 30 degrees,    f = 0.375 p,    teeth to (p / 2) (cot(pi / z) + 0.08).                                     (a)
 """
@@ -19,19 +17,19 @@ from warpchain.drive.stack_math import cos, sin, sqrt
 from warpchain.drive.tooth_shape import Tooth
 
 FLANK_ANGLE = 30.0
-"""Angle of flanks to a link's normal, of the standard [degrees]."""
+"""Angle of flanks to a link's normal [degrees]."""
 FLANK_DISTANCE, BACK_HEIGHT, TOE_DEPTHS, TIP_RADIUS = 0.375, 0.4, (0.2, 0.5), 0.05
-"""Values over the pitch of plates that give none."""
+"""Default values of plates, over the pitch."""
 TOOTH_HEIGHT = 0.04
-"""Height of teeth above the line of the pins over the pitch."""
+"""Height of teeth above the pins' line, over the pitch."""
 ROOT_DEPTH = 0.6
-"""Depth of the wheel's roots below the line of the pins over the pitch."""
+"""Depth of roots below the pins' line, over the pitch."""
 LEAST_TEETH = 17
-"""Least teeth of a wheel, of the standard."""
+"""Least teeth of a wheel."""
 PIN_RADIUS, PLATE_AREA = 0.15, 0.95
-"""Estimates for pins over the pitch, and for a plate's area over its square, pins included."""
+"""Estimates of pins over pitch, and plates over squared pitch."""
 PLATE_KEYS = ("flank_angle", "flank_distance", "back_height", "toe_depths", "tip_radius")
-"""Keys of a chain that describe its plates."""
+"""Keys of a chain's plates."""
 
 
 @dataclass(frozen=True)
@@ -42,7 +40,7 @@ class Plate:
         pitch: p [m].
         flank_angle: a [rad].
         flank_distance: f [m].
-        back_height: height of the back above the line of the pins [m].
+        back_height: of the back above the line of the pins [m].
         toe_depths: d_1, d_2 [m].
         tip_radius: r [m].
     """
@@ -55,7 +53,7 @@ class Plate:
     tip_radius: float
 
     def flank_end(self, number: int) -> tuple[float, float]:
-        """Place (x, y) of the center of a flank's rounded end [m]: 0 its beginning, 1 the toe's tip."""
+        """Center (x, y) of a flank's rounded end, 0 beginning, 1 tip [m]."""
         sine, cosine = sin(self.flank_angle), cos(self.flank_angle)
         along = (self.toe_depths[number] - self.flank_distance * sine) / cosine
         apart = self.flank_distance - self.tip_radius
@@ -63,12 +61,12 @@ class Plate:
 
     @property
     def flank_length(self) -> float:
-        """Length of a flank between its ends' centers [m]."""
+        """Length of a plate's flank between its ends' centers [m]."""
         return (self.toe_depths[1] - self.toe_depths[0]) / cos(self.flank_angle)
 
     @property
     def depth(self) -> float:
-        """Depth of the toes below the line of the pins [m]."""
+        """Depth of a plate's toes below the pins' line [m]."""
         return self.flank_end(1)[1] + self.tip_radius
 
     @property
@@ -79,17 +77,17 @@ class Plate:
 
 
 def wheel_tip_radius(teeth: int, pitch: float) -> float:
-    """Radius of the tips of a wheel [m], (a)."""
+    """Radius of a silent chain wheel's tips [m], (a)."""
     return 0.5 * pitch / math.tan(math.pi / teeth) + TOOTH_HEIGHT * pitch
 
 
 def gap_angle(plate: Plate, teeth: int) -> float:
-    """Angle of a wheel's flanks to the middle of their gap [rad]."""
+    """Angle of a wheel's flanks to their gap's middle [rad]."""
     return plate.flank_angle - math.pi / teeth
 
 
 def wheel_tooth(plate: Plate, teeth: int, pitch: float) -> Tooth:
-    """Gap between a wheel's teeth, whose flanks touch a circle of radius f about the seated pin."""
+    """Gap between the teeth of a silent chain's wheel."""
     return Tooth(
         seat_radius=plate.flank_distance,
         seat_angle=math.pi - 2.0 * gap_angle(plate, teeth),
@@ -99,7 +97,7 @@ def wheel_tooth(plate: Plate, teeth: int, pitch: float) -> Tooth:
 
 
 def tooth_corner(plate: Plate, teeth: int, pitch: float) -> float:
-    """Place of a tooth's tip along its flank [m], outward from the foot of the seated pin's perpendicular."""
+    """Place of a wheel tooth's tip along its flank [m]."""
     gamma, radius, f = gap_angle(plate, teeth), pitch / (2.0 * math.sin(math.pi / teeth)), plate.flank_distance
     tip = wheel_tip_radius(teeth, pitch)
     across = radius * sin(gamma) - f
@@ -107,7 +105,7 @@ def tooth_corner(plate: Plate, teeth: int, pitch: float) -> float:
 
 
 def top_radius(plate: Plate, teeth: int, pitch: float) -> float:
-    """Radius of the pins of a link whose two toes stand on a wheel's tips [m]."""
+    """Radius of the pins of a link on a wheel's tips [m]."""
     x, y = plate.flank_end(1)
     half, reach = 0.5 * plate.pitch, wheel_tip_radius(teeth, pitch) + plate.tip_radius
     height = y + sqrt(reach * reach - (half - x) * (half - x))
@@ -137,7 +135,7 @@ def plate_problems(plate: Plate) -> Iterator[tuple[str, Any, str]]:
 
 
 def toe_clearance(plate: Plate, teeth: int, pitch: float) -> float:
-    """Least clearance of toes from teeth [m], 0 where seated, while a link turns from the strand into its seat."""
+    """Least clearance of toes from teeth while a link is seated [m]."""
     step, gamma, tip = 2.0 * math.pi / teeth, gap_angle(plate, teeth), wheel_tip_radius(teeth, pitch)
     radius, least = pitch / (2.0 * math.sin(0.5 * step)), math.inf
     seats = radius, radius * complex(math.cos(step), math.sin(step))  # of the pins, the second one last to be seated

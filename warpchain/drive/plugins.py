@@ -1,7 +1,7 @@
 """Plug-ins: users' files and packages that add contact laws, loads, metrics and channels (docs/plugins.md).
 
-A plug-in is Python code that is run once; its decorators, such as `warpchain.contact_law`, add to the
-registries. What its code raises becomes an error of one line, with its file and line number.
+Their decorators, such as `warpchain.contact_law`, add to registries. What their code raises becomes an error of one
+line, with file and line number.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ from warpchain.errors import PluginError
 GROUPS = ("warpchain.laws", "warpchain.metrics")
 """Groups of entry points whose modules are plug-ins."""
 LOADING_SECONDS, METRIC_SECONDS = 60.0, 10.0
-"""Time that a plug-in may take to load, and a metric of it for one variant [s]."""
+"""Longest time to load a plug-in, and for its metric [s]."""
 
 
 @dataclass(frozen=True)
@@ -45,21 +45,21 @@ class Plugin:
 
     @property
     def words(self) -> str:
-        """Name and digest, as archives and tables have them."""
+        """Name and digest of a plug-in, for archives and tables."""
         return f"{self.name} sha256:{self.digest}"
 
 
 _LOADED: dict[Path, Plugin] = {}
 _DIRECT: dict[Path, Plugin] = {}
-"""Files that add to registries though they are not loaded as plug-ins, such as scripts."""
+"""Files that add to registries without being loaded, such as scripts."""
 _LOADING: list[Path] = []
 _ADDED: list[Callable[[], object]] = []
-"""Functions that take back what the plug-in has added that is being loaded."""
+"""Functions that take back additions of the plug-in being loaded."""
 
 
 @check_arguments(PluginError)
 def load_plugin(path: str | os.PathLike[str]) -> Plugin:
-    """Loads a plug-in's file, once: what its decorators define can then be used in drives, runs and studies.
+    """Loads a plug-in's file, once, for drives, runs and studies.
 
     Raises:
         PluginError: a file that cannot be read, that has changed since it was loaded, or whose code fails.
@@ -94,7 +94,7 @@ def _file_digest(file: Path, name: str) -> str:
 
 
 def _add_plugin(plugin: Plugin, name: str, run: Callable[[], object]) -> Plugin:
-    """A plug-in whose code has been run; what it added is taken back where that fails."""
+    """A plug-in, its code run; takes back additions if that fails."""
     before = len(_ADDED)  # of a plug-in that loads this one
     _LOADING.append(plugin.path)
     try:
@@ -114,7 +114,7 @@ def _add_plugin(plugin: Plugin, name: str, run: Callable[[], object]) -> Plugin:
 
 @cache
 def load_installed_plugins() -> None:
-    """Loads the plug-ins of installed packages, by the entry points of `GROUPS`, once.
+    """Loads the plug-ins of installed packages, by entry points, once.
 
     Raises:
         PluginError: the code of one fails.
@@ -140,29 +140,29 @@ def _module_file(module: str) -> Path:
 
 
 def loaded_plugins() -> tuple[Plugin, ...]:
-    """Plug-ins that are loaded, in order, those of installed packages among them."""
+    """Plug-ins that are loaded, in order, installed ones included."""
     load_installed_plugins()
     return tuple(_LOADED.values())
 
 
 def _known_plugins() -> list[Plugin]:
-    """Plug-ins that are loaded, and files that add to registries without."""
+    """Plug-ins that are loaded, and files that only add to registries."""
     return [*loaded_plugins(), *(plugin for path, plugin in _DIRECT.items() if path not in _LOADED)]
 
 
 def plugin_words() -> str | None:
-    """Names and digests of all plug-ins, or None where there is none."""
+    """Names and digests of all plug-ins; None without any."""
     return ", ".join(plugin.words for plugin in _known_plugins()) or None
 
 
 def short_plugin_words(words: str) -> str:
-    """Names and digests of `plugin_words` for people, digests by their first digits."""
+    """Names and digests of `plugin_words`, digests shortened."""
     return ", ".join(f"{name} (sha256 {digest[:8]})" for name, _, digest in
                      (word.rpartition(" sha256:") for word in words.split(", ")))  # fmt: skip
 
 
 def missing_plugins(words: str | None) -> str | None:
-    """Which of the plug-ins that `plugin_words` once gave are not loaded now, in words; None where all are."""
+    """Words on plug-ins of `plugin_words` that are not loaded; None if all are."""
     if not words:
         return None
     here = {plugin.name: plugin.digest for plugin in _known_plugins()}
@@ -177,14 +177,14 @@ def missing_plugins(words: str | None) -> str | None:
 
 
 def digest_of_file(file: str) -> str:
-    """SHA-256 of the file that a plug-in's function stands in, "" where it stands in none."""
+    """SHA-256 of a plug-in function's file, or ""."""
     path = Path(file).resolve()
     plugin = _LOADED.get(path) or _DIRECT.get(path)
     return "" if plugin is None else plugin.digest
 
 
 def add_to_registry(registry: dict[str, Any], kind: str, name: str, value: Any, file: str) -> None:
-    """Adds what a plug-in defines to a registry, from which it goes again should the plug-in fail.
+    """Adds a plug-in's definition to a registry; taken back should the plug-in fail.
 
     Args:
         file: that the definition stands in.
@@ -204,20 +204,20 @@ def add_to_registry(registry: dict[str, Any], kind: str, name: str, value: Any, 
 
 
 class _OutOfTimeError(BaseException):
-    """Code of a plug-in takes too long; no `except Exception` of it holds this."""
+    """Raised where a plug-in's code takes too long, past its `except Exception`."""
 
 
 @contextmanager
 def plugin_code(file: str, name: str, seconds: float, what: str = "", line: int = 0) -> Iterator[None]:
-    """Context in which code of a plug-in runs, for so many seconds at most.
+    """Context in which a plug-in's code runs, for a limited time.
 
-    The limit holds in the main thread, between two instructions of Python.
+    The limit holds in the main thread, between instructions of Python.
 
     Args:
-        file: the plug-in's, whose lines are named.
+        file: the plug-in's, whose lines errors name.
         name: by which errors call it.
         what: which code of it runs, in words; "" for all.
-        line: where that begins, for errors in no line of the file; 0 for none.
+        line: where that begins, or 0.
 
     Raises:
         PluginError: what the code raises, with file and line, in one line.
@@ -237,7 +237,7 @@ def plugin_code(file: str, name: str, seconds: float, what: str = "", line: int 
 
 
 def function_code(function: Any, what: str) -> AbstractContextManager[None]:
-    """Context in which a function of a plug-in runs for one variant or value; `what` it computes, in words.
+    """Context in which a plug-in's function computes `what`.
 
     Raises:
         PluginError: as `plugin_code`.
@@ -247,7 +247,7 @@ def function_code(function: Any, what: str) -> AbstractContextManager[None]:
 
 
 def _error_words(error: BaseException) -> str:
-    """An error's kind and message in one line; of a `PluginError` the message."""
+    """A plug-in error's kind and message in one line."""
     text = error.args[0] if isinstance(error, KeyError) and error.args else error  # else its message in quotes
     said = " ".join(str(text).split())
     kind = "" if isinstance(error, PluginError) else type(error).__name__
@@ -255,7 +255,7 @@ def _error_words(error: BaseException) -> str:
 
 
 def _line_in_file(trace: TracebackType | None, file: str) -> int:
-    """The last line of a file that a traceback goes through; 0 where it does not."""
+    """Last line of a file in a traceback, or 0."""
     found = 0
     while trace is not None:
         if trace.tb_frame.f_code.co_filename == file:
@@ -266,7 +266,7 @@ def _line_in_file(trace: TracebackType | None, file: str) -> int:
 
 @contextmanager
 def _time_limit(seconds: float) -> Iterator[None]:
-    """Context that raises `_OutOfTimeError` after so many seconds, in the main thread."""
+    """Context that raises `_OutOfTimeError` after some seconds in the main thread."""
     if threading.current_thread() is not threading.main_thread() or not hasattr(signal, "setitimer"):
         yield
         return
@@ -307,16 +307,16 @@ def checked_number(value: Any) -> float | None:
 
 
 PLUGINS_VARIABLE = "_WARPCHAIN_PLUGINS"
-"""Environment variable by which a process hands its plug-ins on."""
+"""Environment variable with a process's plug-ins."""
 
 
 def plugins_environment() -> dict[str, str]:
-    """Environment of a process that is to load the plug-ins that are loaded here, by `load_plugins_of_parent`."""
+    """Environment of a process to load the plug-ins loaded here."""
     return {PLUGINS_VARIABLE: os.pathsep.join(map(str, _LOADED))}
 
 
 def load_plugins_of_parent() -> None:
-    """Loads the plug-ins of the process that started this one, in the same order."""
+    """Loads the parent process's plug-ins, in order."""
     load_installed_plugins()
     for file in filter(None, os.environ.get(PLUGINS_VARIABLE, "").split(os.pathsep)):
         load_plugin(file)

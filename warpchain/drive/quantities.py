@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 
 class Unit(NamedTuple):
-    """Factor to SI units with a power of pi, and powers of m, kg, s, rad."""
+    """Unit: factor to SI, power of pi, and powers of m, kg, s, rad."""
 
     factor: Fraction
     pi: int = 0
@@ -48,7 +48,6 @@ UNITS = {
     )
     for name in names.split()
 }  # fmt: skip
-"""Units by sign."""
 SPELLINGS = {
     word: sign
     for words, sign in (
@@ -62,7 +61,6 @@ SPELLINGS = {
     )
     for word in words.split()
 }  # fmt: skip
-"""Signs of units by other spellings."""
 _SIGNS = str.maketrans("⁰¹²³⁴⁵⁶⁷⁸⁹⁻−⋅∙×", "0123456789--···")
 
 QUANTITY = re.compile(r"([+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d{1,3})?+)\s*([A-Za-z°µμ%].*?)\s*")
@@ -72,13 +70,13 @@ FACTOR = re.compile(r"([ */·]*)([^\s*/·^\d]+)\^?(-?\d{0,2})")
 
 
 def match_quantity(text: str) -> re.Match[str] | None:
-    """Match of a number and a unit; None for another text."""
+    """Match of a quantity's number and unit, or None."""
     return QUANTITY.fullmatch(text) if len(text) <= LONGEST else None
 
 
 @cache
 def unit_from_text(text: str) -> Unit | None:
-    """Unit, its powers and factor, that a text such as "N s/m" names; None for another text."""
+    """Unit that a text such as "N s/m" names, or None."""
     if len(text) > LONGEST:
         return None
     text = re.sub(r"[ *]+|(?<=[A-Za-z])\.(?=[A-Za-z])", "·", text.strip().translate(_SIGNS))
@@ -107,7 +105,7 @@ def attribute_descriptions(kind: type) -> dict[str, str]:
 
 @cache
 def unit_of_key(kind: type, key: str) -> str:
-    """Unit of a part's key in its docstring's brackets; "" for none."""
+    """Unit of a part's key in its docstring's brackets, or ""."""
     named = re.search(r"\[([^\]]+)\]", attribute_descriptions(kind).get(key, ""))
     return named[1] if named and unit_from_text(named[1]) else ""
 
@@ -121,7 +119,7 @@ def equivalent_units(wanted: str) -> Iterator[str]:
 
 
 def unit_factor(given: str, wanted: str) -> float | None:
-    """Factor from one unit to another; None where they differ in kind."""
+    """Factor from one unit to another; None for unlike kinds."""
     one, other = unit_from_text(given), unit_from_text(wanted)
     if one is None or other is None or one.powers != other.powers:
         return None
@@ -129,7 +127,7 @@ def unit_factor(given: str, wanted: str) -> float | None:
 
 
 def converted_number(text: str, wanted: str) -> float | None:
-    """Number of a quantity in a unit, infinite beyond floats; None for a unit of another kind."""
+    """Number of a quantity in a unit, or infinite; None for unlike kinds."""
     match, to = match_quantity(text), unit_from_text(wanted)
     given = unit_from_text(match[2]) if match else None
     if match is None or to is None or given is None or given.powers != to.powers:

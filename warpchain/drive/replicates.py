@@ -1,4 +1,4 @@
-"""Replicates: copies of a drive that differ in their initial state, to estimate the scatter of chaotic motion."""
+"""Replicates: copies of a drive with other initial states, for the scatter of chaotic motion."""
 
 from __future__ import annotations
 
@@ -17,9 +17,8 @@ CopyCount = Annotated[
     int, AllowedRange(f"a whole number from 1 to {MOST_COPIES}", lambda count: 1 <= count <= MOST_COPIES)
 ]
 REPLICATE_WAYS = ("build", "phase", "perturbation")
-"""Initial states in which copies of a drive can differ, the default first."""
+"""Ways in which copies of a drive differ, the default first."""
 FORMER_WAYS = {"nudge": "perturbation"}
-"""Former names of these."""
 
 
 @check_arguments(SimulationError, "replicates.")
@@ -44,7 +43,7 @@ class Replicates:
 
 
 def copy_phase(copy: int) -> float:
-    """Teeth by which a numbered copy of a drive has turned on, -0.5 to 0.5 (van der Corput's sequence)."""
+    """Teeth by which a numbered copy of a drive is turned, -0.5 to 0.5 (van der Corput)."""
     share, part = 0.0, 0.5
     while copy:
         share += part * (copy & 1)
@@ -68,7 +67,7 @@ def numbered_copies(drives: Sequence[Drive], numbers: Sequence[int], by: str = R
 
 
 def all_copies(drives: Sequence[Drive], replicates: Replicates) -> list[Drive]:
-    """All copies of all drives, by drive."""
+    """All numbered copies of all drives, by drive."""
     count = replicates.count
     if count == 1:
         return list(drives)

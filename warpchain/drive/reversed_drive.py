@@ -1,10 +1,8 @@
-"""A drive that runs the other way: sprockets turn against their `wrap`, the chain visits them in opposite order.
+"""A drive that runs the other way: opposite `wrap` and order of sprockets.
 
 Loads that store energy over the angle have M(phi) = dE/dphi; with phi' = -phi,
 
     M_h cos(h phi + psi)  ->  M_h cos(h phi' + pi - psi).                                                           (a)
-
-Fluctuations of speed become cos(h phi' - psi).
 """
 
 from __future__ import annotations
@@ -52,6 +50,6 @@ def _reversed_part(part: TurningPart, changes: dict[str, Any]) -> TurningPart:
 
 
 def _mirrored_motion(motion: HarmonicMotion, shift: float) -> HarmonicMotion:
-    """A motion or load with the phases `shift` less its own."""
+    """A motion or load, phases mirrored to `shift` less their own."""
     harmonics = tuple(h.model_copy(update={"phase": shift - h.phase}) for h in motion.harmonics)
     return motion.model_copy(update={"harmonics": harmonics})

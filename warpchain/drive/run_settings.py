@@ -1,4 +1,4 @@
-"""Settings of a drive's run: steps, sampling, initial state; and probes, places that sense the chain."""
+"""Settings of a drive's run: steps, sampling, initial state; and probes of the chain."""
 
 from __future__ import annotations
 
@@ -49,6 +49,7 @@ class RunSettings(Part):
 
     @classmethod
     def _rules(cls, node: Any) -> Iterable[Problem]:
+        """Problem of a step longer than the run."""
         step, duration = node_value(node, "step"), node_value(node, "duration")
         if are_numbers(step, duration) and step > duration > 0:
             yield Problem(("step",), step, f"must be at most the duration, {duration:g}")

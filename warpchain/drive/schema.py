@@ -1,4 +1,4 @@
-"""`Part`, the base of every part of a drive or study file: frozen values, checked singly and together."""
+"""`Part`, the base of every part of a drive or study file: frozen and checked."""
 
 from __future__ import annotations
 
@@ -64,7 +64,7 @@ def _check_magnitude(value: Any) -> Any:
 
 
 WRONG, BARE = "wrong_value", "bare_key"
-"""Kinds of error lines: with the wrong value, or with the key path alone."""
+"""Kinds of error lines: with value, or key path alone."""
 
 
 def plain_sequence(value: Any) -> Any:
@@ -82,7 +82,7 @@ def _check_direction(value: tuple[float, float]) -> tuple[float, float]:
 
 
 def is_name(value: object) -> bool:
-    """Whether a text can stand in key paths, column names and file names."""
+    """Whether a text can be a name in key paths, columns and files."""
     return (
         isinstance(value, str)
         and value.isprintable()
@@ -161,16 +161,16 @@ class Problem(NamedTuple):
     kind: str = WRONG
 
     def nested_under(self, *keys: str | int) -> Problem:
-        """The problem with `keys` put in front of its path."""
+        """The problem with `keys` in front of its path."""
         return self._replace(path=(*keys, *self.path))
 
 
 Rule = Callable[[Any], Iterable[Problem]]
-"""Yields errors of a part, or of a mapping that should become one."""
+"""Yields problems of a part, or of a mapping for one."""
 
 
 def node_value(node: Any, key: str) -> Any:
-    """Value of a key in a part, model or mapping; None without one."""
+    """Value of a part's or mapping's key, or None."""
     kind: Any = type(node)
     part, mapping = _part_or_mapping(kind)
     if part:
@@ -180,12 +180,12 @@ def node_value(node: Any, key: str) -> Any:
 
 @cache
 def _part_or_mapping(kind: type) -> tuple[bool, bool]:
-    """Whether values of a type are parts or models of parts, and whether mappings."""
+    """Whether a type's values are parts or models, and mappings."""
     return issubclass(kind, Part) or is_dataclass(kind), issubclass(kind, Mapping)
 
 
 def node_list(node: Any, key: str) -> Sequence[Any]:
-    """List under a key, empty without one."""
+    """List of a part's or mapping's key, or empty."""
     value = node_value(node, key)
     if type(value) is tuple:
         return value
@@ -221,13 +221,13 @@ def nearest_key_text(key: str, known: Iterable[str], most: int | None = None) ->
 
 
 def names_text(names: Iterable[str], most: int) -> str:
-    """The first names for a message, and how many more."""
+    """First names in an error message, and how many more."""
     names = list(names)
     return ", ".join(names[:most]) + (f" and {len(names) - most} more" if len(names) > most else "")
 
 
 def at_most_rule(node: Any, key: str, most: int) -> Iterator[Problem]:
-    """Problem of a number above an upper end."""
+    """Problem of a key's number above an upper end."""
     value = node_value(node, key)
     if isinstance(value, int) and value > most:
         yield Problem((key,), value, f"must be at most {most}")
@@ -256,19 +256,19 @@ class Part(BaseModel):
     model_config = ConfigDict(frozen=True, extra="forbid")
 
     _replaces: ClassVar[Mapping[str, tuple[str, ...]]] = {}
-    """Keys that setting a key removes, as they stand for the same."""
+    """Keys for the same that setting a key removes."""
     _renamed: ClassVar[Mapping[str, str]] = {}
     """Present names of former keys."""
     _elsewhere: ClassVar[Mapping[str, str]] = {}
-    """Keys that the part lacks, and how they are given instead."""
+    """Keys that the part lacks, with the remedy."""
     _like: ClassVar[type[Part] | None] = None
     """Part whose keys it overrides."""
     _quantities: ClassVar[frozenset[str]] = frozenset()
     """Keys whose unit other values give."""
     _unsaid: ClassVar[Mapping[str, Any]] = {}
-    """Values of keys that stand for a key left out, which files cannot have."""
+    """Values for keys left out, which files cannot have."""
     _judged: ClassVar[frozenset[str] | None] = None
-    """Keys of the numbers that its rules compare; None is any."""
+    """Keys of numbers that the part's rules compare, or any."""
 
     if not TYPE_CHECKING:  # the type checker derives the signature from the fields
 
@@ -289,6 +289,7 @@ class Part(BaseModel):
 
     @classmethod
     def _places(cls, values: Any) -> Callable[[Sequence[str | int]], str]:
+        """Function of a key path to its text in error lines."""
         known = dict[int, Counter[str]]()
         return lambda path: path_text(path, values, known)
 
@@ -307,7 +308,7 @@ class Part(BaseModel):
 
     @classmethod
     def _values_in_units(cls, values: Any) -> tuple[Any, list[Problem]]:
-        """Values of a part with quantities as numbers, and problems of their units."""
+        """Values of a part with quantities as numbers, and problems."""
         problems: list[Problem] = []
 
         def number(value: Any, key: str, path: tuple[str | int, ...]) -> Any:
@@ -339,7 +340,7 @@ class Part(BaseModel):
 
     @classmethod
     def _unsaid_values(cls, values: Mapping[str, Any]) -> Mapping[str, Any]:
-        """Values by key that files do not say, and that follow from the others."""
+        """Values by key that files do not say."""
         return cls._unsaid
 
     @classmethod
@@ -354,10 +355,10 @@ class Part(BaseModel):
 
     @classmethod
     def _number_rules(cls, changed: Mapping[str, Any]) -> Sequence[Rule]:
-        """Rules of the part that other numbers can break.
+        """Rules of the part that changed numbers can break.
 
         Args:
-            changed: keys and list indices of the numbers, nested.
+            changed: keys and list indices, nested.
         """
         return (cls._rules,) if cls._judged is None or not cls._judged.isdisjoint(changed) else ()
 
@@ -369,6 +370,7 @@ class Part(BaseModel):
     @model_validator(mode="wrap")
     @classmethod
     def _check(cls, values: Any, handler: ModelWrapValidatorHandler[Self]) -> Self:
+        """Part of checked values; raises all its problems together."""
         if isinstance(values, cls):
             return values
         values, problems = cls._values_in_units(cls._complete_values(cls._with_current_keys(values)))
@@ -418,7 +420,7 @@ class Part(BaseModel):
 
 @cache
 def allowed_text(cls: type[Part], key: str) -> str:
-    """Words for the values that a field allows."""
+    """Words for the values that a part's field allows."""
 
     def search(source: Any) -> Iterator[str]:
         for extra in (*getattr(source, "metadata", ()), *getattr(source, "__metadata__", ())):
@@ -444,10 +446,7 @@ def valid_part(cls: type[PartType], value: Any) -> PartType | None:
 
 
 def path_text(path: Sequence[str | int], values: Any, known: dict[int, Counter[str]]) -> str:
-    """Key path as users write it, list elements by name or index.
-
-    `known` caches counts of names.
-    """
+    """Key path as users write it; `known` caches counts of names."""
     words: list[str] = []
     node = values
     for key in path:

@@ -1,7 +1,7 @@
-"""Shafts that sprockets turn with, gear pairs, couplings, motors.
+"""Shafts that sprockets turn with, gear pairs, couplings, motors (docs/shafts.md).
 
-Forward is the way the chain turns a shaft, else counter-clockwise. Couplings are also gearboxes, clutches and
-freewheels, with the ground brakes and backstops. Their laws: `kernels/physics/train.py`, docs/shafts.md.
+Forward is the way the chain turns a shaft, else counter-clockwise. Couplings are also gearboxes, clutches, freewheels,
+brakes and backstops.
 """
 
 from __future__ import annotations
@@ -73,7 +73,7 @@ class Governor(Part):
     )
 
     def factor(self, speed: Any) -> Any:
-        """Factor of the moment at a forward speed [rad/s]."""
+        """Governor's factor of a motor's moment at a forward speed."""
         return minimum(maximum(1.0 + (self.speed - speed) / self.band, 0.0), self.most)
 
 
@@ -84,7 +84,7 @@ class Motor(Part):
         torque: constant, or largest, moment [N m]; this or a table.
         power: largest power [W].
         table: torque over forward speed, time or the angle turned.
-        governor: governor of its speed; None is none.
+        governor: of its speed.
         ramp_time: time over which the moment comes on [s].
     """
 
@@ -95,7 +95,7 @@ class Motor(Part):
     ramp_time: NonNegative = 0.0
 
     def at(self, speed: Any) -> Any:
-        """Moment of the motor [N m] at a forward speed [rad/s], a table's mean."""
+        """Mean moment of the motor at a forward speed [N m]."""
         import numpy as np
 
         torque: Any = self.torque
@@ -111,7 +111,7 @@ class Motor(Part):
         return torque
 
     def bounds(self, speed: Any) -> tuple[Any, Any]:
-        """Least and largest moment of the motor [N m] at a forward speed [rad/s]."""
+        """Least and largest moment of the motor at a speed [N m]."""
         if self.table is None or self.table.speed is not None:
             return self.at(speed), self.at(speed)
         factor = 1.0 if self.governor is None else self.governor.factor(speed)
@@ -137,6 +137,7 @@ class Motor(Part):
 
     @classmethod
     def _rules(cls, node: Any) -> Iterable[Problem]:
+        """Problems of a motor's torque, power and table."""
         torque, table = node_value(node, "torque"), node_value(node, "table")
         if torque is None and table is None:
             yield Problem(("torque",), None, f"missing; {allowed_text(cls, 'torque')}, or give table instead", BARE)
@@ -168,6 +169,7 @@ class Shaft(Part):
 
     @classmethod
     def _rules(cls, node: Any) -> Iterable[Problem]:
+        """Problems of a shaft's motion."""
         for key in ("motor", "initial_speed"):
             if node_value(node, "prescribed") is not None and node_value(node, key) is not None:
                 yield Problem((key,), None, "not together with prescribed", BARE)
@@ -179,8 +181,8 @@ class Gear(Part):
     Attributes:
         name: unique among all parts.
         between: the two shafts, a and b.
-        teeth: teeth of both gears, z_a and z_b.
-        module: module, pitch diameter over teeth [m].
+        teeth: of both gears, z_a and z_b.
+        module: pitch diameter over teeth [m].
         internal: whether one is an internal gear.
     """
 
@@ -192,6 +194,7 @@ class Gear(Part):
 
     @classmethod
     def _rules(cls, node: Any) -> Iterable[Problem]:
+        """Problems of a gear pair's shafts."""
         yield from _two_shaft_rules(node)
 
 
@@ -212,6 +215,7 @@ class Ratios(Part):
 
     @classmethod
     def _rules(cls, node: Any) -> Iterable[Problem]:
+        """Problems of a gearbox's ratios."""
         time, ratio = node_list(node, "time"), node_list(node, "ratio")
         if not are_numbers(*time, *ratio) or len(time) < 2:
             return
@@ -256,6 +260,7 @@ class Clutch(Part):
 
     @classmethod
     def _rules(cls, node: Any) -> Iterable[Problem]:
+        """Problems of a clutch's torque and table."""
         torque, table = node_value(node, "torque"), node_value(node, "table")
         if torque is None and table is None:
             yield Problem(("torque",), None, f"missing; {allowed_text(cls, 'torque')}, or give table instead", BARE)
@@ -303,6 +308,7 @@ class Coupling(Part):
 
     @classmethod
     def _rules(cls, node: Any) -> Iterable[Problem]:
+        """Problems of a coupling's values."""
         yield from _two_shaft_rules(node)
         names = node_list(node, "between")
         if len(names) == 2 and names[1] == FIXED:
@@ -316,7 +322,7 @@ class Coupling(Part):
 
 
 def _two_shaft_rules(node: Any) -> Iterable[Problem]:
-    """Problems of a gear or coupling that is not between two different shafts."""
+    """Problems of a gear or coupling without two different shafts."""
     names = node_list(node, "between")
     if len(names) == 2 and names[0] == names[1]:
         yield Problem(("between",), list(names), "must be two different shafts")

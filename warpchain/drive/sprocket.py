@@ -30,11 +30,10 @@ from warpchain.drive.schema import (
 )
 
 END_TEETH = 1
-"""Number of seats of a chain's end, a sprocket without teeth."""
+"""Number of seats of a chain's end, without teeth."""
 Teeth = Annotated[int, Field(strict=True, ge=5), Value("must be an integer of at least 5")]
 Wrap = Annotated[Literal["ccw", "cw"], Value('must be "ccw" or "cw"')]
 MOST_TEETH = 1_000_000
-"""Most teeth of a sprocket."""
 
 _HARMONICS = Allowed("must be a list of { order, amplitude, phase }")
 
@@ -45,7 +44,7 @@ class Harmonic(Part):
     Attributes:
         order: periods per revolution [-], halves for four-stroke engines.
         amplitude: share of the mean speed [-], or torque of a load [N m].
-        phase: phase at the initial angle [rad].
+        phase: at the initial angle [rad].
         shaft: sprocket or shaft of `order`'s revolutions; None is its own.
     """
 
@@ -83,6 +82,7 @@ class Prescribed(Part):
 
     @classmethod
     def _rules(cls, node: Any) -> Iterable[Problem]:
+        """Problems of a prescribed motion."""
         speed, table, ramp = node_value(node, "speed"), node_value(node, "table"), node_value(node, "ramp_time")
         if speed is None and table is None:
             yield Problem(("speed",), None, f"missing; {allowed_text(cls, 'speed')}, or give table instead", BARE)
@@ -112,7 +112,7 @@ class Load(Part):
     harmonics: Annotated[tuple[Harmonic, ...], _HARMONICS] = ()
 
     def steady_moment(self, speed: float) -> float:
-        """Moment of the load [N m] at a speed [rad/s], without table and harmonics."""
+        """Moment of the load at a speed, without table and harmonics [N m]."""
         return self.torque + self.viscous * speed + self.quadratic * speed * speed
 
 
@@ -140,12 +140,12 @@ class PrescribedMount(Part):
     """A sprocket's center led by center + direction (offset + amplitude sin(2 pi frequency t + phase)) or a table.
 
     Attributes:
-        direction: direction of the line; this or a table.
+        direction: of the line; this or a table.
         table: displacement from the center over time.
         offset: mean displacement [m].
         amplitude: amplitude [m].
         frequency: frequency [Hz].
-        phase: phase at the start [rad].
+        phase: at the start [rad].
     """
 
     kind: Literal["prescribed"]
@@ -158,6 +158,7 @@ class PrescribedMount(Part):
 
     @classmethod
     def _rules(cls, node: Any) -> Iterable[Problem]:
+        """Problems of a prescribed mount."""
         if node_value(node, "table") is None and node_value(node, "direction") is None:
             yield Problem(
                 ("direction",), None, f"missing; {allowed_text(cls, 'direction')}, or give table instead", BARE
@@ -171,8 +172,8 @@ class ElasticMount(Part):
     """A sprocket's center on a spring and a damper along each axis.
 
     Attributes:
-        stiffness: stiffness along x and y [N/m].
-        damping: damping along x and y [N s/m].
+        stiffness: along x and y [N/m].
+        damping: along x and y [N s/m].
         preload: constant force on the center [N].
     """
 
@@ -186,9 +187,9 @@ class SliderMount(Part):
     """A sprocket's center on a line, pressed by spring, damper and constant force: a tensioner.
 
     Attributes:
-        direction: direction of the line and of the preload.
-        stiffness: stiffness along the line [N/m].
-        damping: damping along the line [N s/m].
+        direction: of the line and of the preload.
+        stiffness: along the line [N/m].
+        damping: along the line [N s/m].
         preload: force along `direction` [N].
     """
 
@@ -262,7 +263,7 @@ ON_COUPLINGS = {
     "brake": 'give a coupling between "ground" and this one with a clutch',
     "backstop": 'give a coupling between "ground" and this one with freewheel = true',
 }
-"""Keys of couplings in sprockets or shafts, with the remedy."""
+"""Keys of couplings in other parts, with the remedy."""
 
 
 class Sprocket(Part):
@@ -274,18 +275,18 @@ class Sprocket(Part):
         teeth: number of teeth, z; an end of an open chain has none.
         center: its center [m].
         wrap: "ccw" if the chain turns counter-clockwise around it.
-        pitch: pitch of its teeth, where worn [m]; None is the chain's.
+        pitch: of its teeth, where worn [m]; None is the chain's.
         tooth: gap between its teeth, or a DXF file; None is that of `contact.sprocket`.
-        mass: mass without balance wheel [kg]; needed where forces move the center.
+        mass: without balance wheel [kg]; needed where forces move the center.
         inertia: moment of inertia without balance wheel [kg m^2]; needed unless prescribed or on a shaft.
         prescribed: prescribed motion.
         load: moment against forward rotation.
         balance_wheel: eccentric mass.
-        mount: mount of its center.
+        mount: of its center.
         shaft: shaft, or of several chains another sprocket, that it turns with.
-        rim: radius at which an end's pin is held on a wheel that turns about the center [m]; None is in the center.
+        rim: radius of an end's pin on a wheel that turns about the center [m]; None is in the center.
         key: angle where the chain is laid [degrees], that of an end's pin on its rim; None is where it seats.
-        bearing: friction of its bearing; None is none.
+        bearing: friction of its bearing.
     """
 
     name: Name
@@ -317,11 +318,12 @@ class Sprocket(Part):
 
     @property
     def is_end(self) -> bool:
-        """Whether it has no teeth but holds an end of an open chain."""
+        """Whether the sprocket is a toothless end of an open chain."""
         return self.teeth == END_TEETH
 
     @classmethod
     def _rules(cls, node: Any) -> Iterable[Problem]:
+        """Problems of a sprocket's values."""
         positive = allowed_text(cls, "mass")
         yield from at_most_rule(node, "teeth", MOST_TEETH)
         if all(node_value(node, key) is None for key in ("inertia", "prescribed", "shaft")):
@@ -336,7 +338,7 @@ class Sprocket(Part):
 
 
 def strand_names(sprockets: Sequence[Sprocket]) -> tuple[str, ...]:
-    """Names (S,) "FROM->TO" of the strands that leave each of a chain's sprockets (S,), the last end excepted."""
+    """Names "FROM->TO" of the strands of a chain's sprockets (S,)."""
     names = [sprocket.name for sprocket in sprockets]
     if sprockets and sprockets[-1].is_end:
         return tuple(f"{a}->{b}" for a, b in pairwise(names))

@@ -12,9 +12,9 @@ from warpchain.drive.stack_math import radians
 from warpchain.drive.tooth_shape import Tooth, default_seat_angle, iso606_tooth, releasing_seat_angle
 
 END_RADIUS = 1e-9
-"""Radius at which an end, a sprocket without teeth, holds its pin [m]."""
+"""Radius at which a toothless end holds its pin [m]."""
 END_REACH = 1e4
-"""Tip radius of an end [m], which its pin never reaches."""
+"""Tip radius of an end, beyond its pin's reach [m]."""
 
 
 def tooth_pitch(sprocket: Sprocket, chain: Chain) -> float:
@@ -23,14 +23,14 @@ def tooth_pitch(sprocket: Sprocket, chain: Chain) -> float:
 
 
 def pitch_radius(sprocket: Sprocket, chain: Chain) -> float:
-    """Radius of a sprocket's pitch circle [m]: p / (2 sin(pi/z)); of an end its rim's, or `END_RADIUS`."""
+    """Radius of a sprocket's pitch circle, of an end's rim, or `END_RADIUS` [m]."""
     if sprocket.is_end:
         return END_RADIUS if sprocket.rim is None else sprocket.rim
     return tooth_pitch(sprocket, chain) / (2.0 * math.sin(math.pi / sprocket.teeth))
 
 
 def sprocket_tooth(sprocket: Sprocket, chain: Chain, contact: SprocketContact) -> Tooth:
-    """Tooth gap of a sprocket: its own, the contact's, ISO 606's, a silent chain's; of an end, a hole for a roller."""
+    """Tooth gap of a sprocket: own, contact's, silent chain's; or an end's hole."""
     if sprocket.is_end:
         return Tooth(chain.roller_radius, 2.0 * math.pi, math.inf, END_REACH)
     if chain.is_silent:

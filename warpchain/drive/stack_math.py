@@ -1,7 +1,4 @@
-"""Functions of numbers, or of arrays of them over a stack's variants.
-
-Results of a variant have the same bits alone as among others.
-"""
+"""Functions of numbers or a stack's arrays, with the same bits of a variant alone as among others."""
 
 from __future__ import annotations
 
@@ -21,7 +18,7 @@ _NUMBER_TYPES = frozenset((float, int, bool))
 
 
 class UnlikeVariants(Exception):
-    """Raised where variants of a stack take different branches, to be worked out apart.
+    """Raised where variants of a stack take different branches.
 
     Attributes:
         way: (V,) equal for variants of one branch.
@@ -62,10 +59,11 @@ def has_arrays(*values: Any) -> bool:
 
 
 def elementwise(function: Callable[..., float]) -> Callable[..., Any]:
-    """A function of numbers applied to arrays element by element."""
+    """A function of numbers, for arrays element by element."""
 
     @wraps(function)
     def apply(*values: Any, **named: Any) -> Any:
+        """The function of numbers, or of arrays element by element."""
         if not has_arrays(*values):
             return function(*values, **named)
         import numpy as np
@@ -90,6 +88,7 @@ def _numpy_function(name: str) -> Callable[..., Any]:
     """A numpy function for numbers and arrays, rounding alike."""
 
     def apply(*values: Any) -> Any:
+        """The numpy function of numbers or arrays."""
         import numpy as np
 
         found = getattr(np, name)(*values)
@@ -109,6 +108,7 @@ def _python_or_numpy_function(function: Callable[..., float], name: str) -> Call
     """Python's function for numbers, numpy's of a name for arrays."""
 
     def apply(*values: Any) -> Any:
+        """Python's function of numbers, or numpy's of arrays."""
         if not has_arrays(*values):
             return function(*values)
         import numpy as np
@@ -125,7 +125,7 @@ quick_cos = _python_or_numpy_function(math.cos, "cos")
 
 
 def quick_hypot(x: Any, y: Any) -> Any:
-    """sqrt(x^2 + y^2) of numbers or arrays, without care for overflow."""
+    """sqrt(x^2 + y^2) of numbers or arrays, overflow aside."""
     return sqrt(x * x + y * y)
 
 
@@ -144,7 +144,7 @@ def ceil(value: Any) -> Any:
 
 
 def where(condition: Any, yes: Any, no: Any) -> Any:
-    """One value where a condition holds, else the other, also elementwise."""
+    """One value where a condition holds, else the other, elementwise."""
     if not has_arrays(condition):
         return yes if condition else no
     import numpy as np
@@ -153,17 +153,17 @@ def where(condition: Any, yes: Any, no: Any) -> Any:
 
 
 def pairwise_sum(values: Sequence[Any]) -> Any:
-    """Sum of numbers, or of arrays at each place, as numpy adds: pairwise from eight on."""
+    """Sum of numbers or arrays as numpy adds, pairwise."""
     return reduce(add, values) if len(values) < _PAIRWISE_COUNT else array_of_columns(values).sum(axis=-1)
 
 
 def ordered_sum(values: Iterable[Any]) -> Any:
-    """Sum of values from first to last; 0 of none."""
+    """Sum of numbers or arrays from first to last."""
     return reduce(add, values, 0.0)
 
 
 def maximum(*values: Any) -> Any:
-    """Largest of numbers, or of arrays at each place."""
+    """Largest of numbers, or of arrays elementwise."""
     if not has_arrays(*values):
         return max(values)
     import numpy as np
@@ -172,7 +172,7 @@ def maximum(*values: Any) -> Any:
 
 
 def minimum(*values: Any) -> Any:
-    """Smallest of numbers, or of arrays at each place."""
+    """Smallest of numbers, or of arrays elementwise."""
     if not has_arrays(*values):
         return min(values)
     import numpy as np
@@ -181,7 +181,7 @@ def minimum(*values: Any) -> Any:
 
 
 def index_of_maximum(values: Sequence[Any]) -> Any:
-    """Index of the first largest value, of arrays at each place."""
+    """Index of the first largest number, of arrays elementwise."""
     if not has_arrays(*values):
         return max(range(len(values)), key=values.__getitem__)
     return array_of_columns(values).argmax(axis=-1)
@@ -207,7 +207,7 @@ def array_of_columns(values: Sequence[Any]) -> NDArray[np.float64]:
 
 
 def columns_of_table(table: NDArray[Any]) -> list[Any]:
-    """Columns (V,) of a table (V, K); of a single row, its numbers."""
+    """Columns (V,) of a table (V, K), or a row's numbers."""
     return table[0].tolist() if len(table) == 1 else list(table.T.copy())
 
 
@@ -221,7 +221,7 @@ def table_of_columns(values: Sequence[Any], rows: int) -> NDArray[Any]:
 
 
 def pick_places(value: Any, places: Any) -> Any:
-    """Elements of an array (V,) at some places; a number stays."""
+    """Elements of an array at some places; a number stays."""
     return value[places] if has_arrays(value) else value
 
 

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
 
 def compliance(roller: Material, partner: Material) -> float:
-    """Compliance s of eq. (20): sum of (1 - nu^2)/(pi E) over both bodies [1/Pa]."""
+    """Compliance of two contact bodies, s of eq. (20) [1/Pa]."""
     return sum((1.0 - power(body.poissons_ratio, 2)) / (math.pi * body.youngs_modulus) for body in (roller, partner))
 
 
@@ -23,15 +23,12 @@ def compliance(roller: Material, partner: Material) -> float:
 def hertz_stiffness(
     load: float, width: float, roller_radius: float, partner_radius: float, compliance: float, exponent: float = 1.0
 ) -> float:
-    """Generalized stiffness K of a line contact at a load [N/m^n], eq. (20).
+    """Generalized stiffness of a line contact at a load, K of eq. (20) [N/m^n].
 
     Args:
-        load: P [N].
-        width: w [m].
-        roller_radius: R1 [m].
-        partner_radius: R2 [m]; `math.inf` for a flat partner.
-        compliance: s [1/Pa].
-        exponent: n of the force law [-].
+        load, width: P [N], w [m].
+        roller_radius, partner_radius: R1, R2 [m]; `math.inf` for a flat partner.
+        compliance, exponent: s [1/Pa], n [-].
 
     Raises:
         DriveError: load beyond the formula's validity.
@@ -52,25 +49,24 @@ def hertz_stiffness(
 
 
 def _validity_limit(width: float, roller_radius: float, partner_radius: float, compliance: float) -> float:
-    """Load at which the bracket of eq. (20), ln(limit / P), is zero [N]."""
+    """Load at which the stiffness formula, eq. (20), ends [N]."""
     if compliance == 0.0:  # a modulus beyond all numbers
         return 0.0
     return math.e * width * width * width * (1.0 / roller_radius + 1.0 / partner_radius) / compliance
 
 
 def largest_load(law: ImpactLaw, roller_radius: float, partner_radius: float) -> float:
-    """Upper limit of a contact's reference load [N]; infinite for a given stiffness."""
+    """Upper limit of a contact's reference load [N], or infinite."""
     if law.width is None or law.roller is None or law.partner is None:
         return math.inf
     return _validity_limit(law.width, roller_radius, partner_radius, compliance(law.roller, law.partner))
 
 
 def contact_stiffness(law: ImpactLaw, roller_radius: float, partner_radius: float, path: str) -> float:
-    """Generalized stiffness of a contact [N/m^n], given or by eq. (20).
+    """Generalized stiffness of a contact, given or by eq. (20) [N/m^n].
 
     Args:
-        roller_radius: R1 [m].
-        partner_radius: R2 [m]; `math.inf` for a flat partner.
+        partner_radius: [m]; `math.inf` for a flat partner.
         path: key path of the contact.
 
     Raises:
@@ -88,7 +84,7 @@ def contact_stiffness(law: ImpactLaw, roller_radius: float, partner_radius: floa
 
 
 def rebound_ratio(restitution: float, law: str = "lankarani-nikravesh") -> float:
-    """Speed after a free impact over that before, by a contact law [-].
+    """Rebound speed over impact speed by a contact law [-].
 
     Raises:
         DriveError: unknown law, or restitution not above 0 and at most 1.
@@ -101,16 +97,16 @@ def rebound_ratio(restitution: float, law: str = "lankarani-nikravesh") -> float
 
 
 def contact_rebound(law: ImpactLaw) -> float:
-    """Speed after a free impact over that before, of a contact's settings [-]."""
+    """Rebound speed over impact speed of a contact's settings [-]."""
     return LAWS[law.law].rebound(law_factor(law.law, law.restitution, law.restitution_means))
 
 
 def contact_damping(law: ImpactLaw, stiffness: float, mass: float) -> float:
-    """Damping of a contact law: factor d [-], or c of Kelvin-Voigt [N s/m].
+    """Damping of a contact: factor d [-], or c of Kelvin-Voigt [N s/m].
 
     Args:
         stiffness: K [N/m^n].
-        mass: of a roller, against a much heavier partner [kg].
+        mass: of a roller [kg].
     """
     factor = law_factor(law.law, law.restitution, law.restitution_means)
     return factor * LAWS[law.law].unit(stiffness, mass)

@@ -1,11 +1,4 @@
-"""Tensioners: springs, hydraulic elements and ratchets that push an arm, or a sprocket on a slider.
-
-Oil leaks through the gap h around the plunger, of length L and eccentricity eps, by its conductance
-
-    G = pi d h^3 (1 + 1.5 eps^2) / (12 eta L).                                                             (a)
-
-The laws: `kernels/physics/tensioner.py`, docs/tensioners.md.
-"""
+"""Tensioners: springs, hydraulic elements and ratchets that push an arm or slider (docs/tensioners.md)."""
 
 from __future__ import annotations
 
@@ -82,8 +75,8 @@ class Plunger(Part):
         diameter: diameter, d [m].
         mass: mass that moves with the point of contact [kg].
         gap: radial gap, h [m].
-        length: length of the gap, L [m].
-        eccentricity: eccentricity in the bore, eps [-], 1 at the wall.
+        length: of the gap, L [m].
+        eccentricity: in the bore, eps [-], 1 at the wall.
     """
 
     diameter: Positive | None = None
@@ -94,6 +87,7 @@ class Plunger(Part):
 
     @classmethod
     def _rules(cls, node: Any) -> Iterable[Problem]:
+        """Problem of a plunger's gap."""
         diameter, gap = node_value(node, "diameter"), node_value(node, "gap")
         if are_numbers(diameter, gap) and gap >= 0.5 * diameter > 0.0:
             yield Problem(("gap",), gap, f"must be below half the diameter, {0.5 * diameter:g}")
@@ -103,7 +97,7 @@ class Chamber(Part):
     """The pressure chamber of a tensioner.
 
     Attributes:
-        volume: volume of oil as drawn, V_0 [m^3].
+        volume: of oil as drawn, V_0 [m^3].
         drained: share that is air as the run begins [-].
     """
 
@@ -118,7 +112,7 @@ class Valve(Part):
         ball_radius: radius of the ball, r_B [m].
         seat_diameter: diameter of the hole [m].
         lift: largest lift [m].
-        stiffness: stiffness of the spring, k_cv [N/m].
+        stiffness: of the spring, k_cv [N/m].
         preload: force of the spring when closed, F_0 [N].
         seat_angle: angle of the cone's wall to its axis, gamma [degrees].
         discharge: discharge coefficient, C_d [-].
@@ -134,12 +128,12 @@ class Valve(Part):
 
     @property
     def hole_area(self) -> float:
-        """Area A_b of the check valve's hole [m^2]."""
+        """Area of the check valve's hole [m^2]."""
         return 0.25 * math.pi * power(self.seat_diameter, 2)
 
     @property
     def seat_angle_rad(self) -> float:
-        """Angle of the check valve's cone, gamma [rad]."""
+        """Angle of the check valve's cone [rad]."""
         return radians(self.seat_angle)
 
     @property
@@ -148,13 +142,14 @@ class Valve(Part):
         return self.preload / self.hole_area
 
     def flow_area(self, lift: float) -> float:
-        """Area of the check valve's gap, pi y (2 r_B tan(gamma) + y sin(gamma) / cos(gamma)^2) [m^2]."""
+        """Area of the check valve's gap at a lift [m^2]."""
         angle = self.seat_angle_rad
         wide = 2.0 * self.ball_radius * math.tan(angle) + lift * math.sin(angle) / math.cos(angle) ** 2
         return math.pi * lift * wide
 
     @classmethod
     def _rules(cls, node: Any) -> Iterable[Problem]:
+        """Problem of a check valve's hole."""
         hole, ball = node_value(node, "seat_diameter"), node_value(node, "ball_radius")
         if are_numbers(hole, ball) and hole >= 2.0 * ball > 0.0:
             yield Problem(("seat_diameter",), hole, f"must be below the ball's diameter, {2.0 * ball:g}")
@@ -165,8 +160,8 @@ class Relief(Part):
 
     Attributes:
         pressure: absolute pressure above which it opens [Pa].
-        diameter: diameter of the hole [m].
-        stiffness: stiffness of the spring [N/m].
+        diameter: of the hole [m].
+        stiffness: of the spring [N/m].
         lift: largest lift [m].
         discharge: discharge coefficient of the gap, C_d [-].
     """
@@ -187,7 +182,7 @@ class Relief(Part):
         return (self.pressure - ambient) * self.hole_area
 
     def flow_area(self, lift: float) -> float:
-        """Area of the relief valve's gap, pi d y [m^2]."""
+        """Area of the relief valve's gap at a lift [m^2]."""
         return math.pi * self.diameter * lift
 
 
@@ -215,7 +210,7 @@ class Oil(Part):
         density: density [kg/m^3].
         viscosity: kinematic viscosity [m^2/s]; None is of the next two.
         viscosity_40, viscosity_100: kinematic viscosities at 40 and 100 degrees C [m^2/s].
-        bulk_modulus: bulk modulus of oil without air, E_0 [Pa].
+        bulk_modulus: of oil without air, E_0 [Pa].
         air: share of air at ambient pressure [-].
         supply: supply pressure, P_s [Pa]; of a table at rest.
         supply_table: supply pressure over time or speed; None is constant.
@@ -247,11 +242,12 @@ class Oil(Part):
 
     @property
     def walther(self) -> Walther | None:
-        """Viscosity of the oil over temperature."""
+        """Viscosity of the oil over temperature, if known."""
         return _walther_of_oil(self)
 
     @classmethod
     def _complete_values(cls, values: Any) -> Any:
+        """Values of an oil with its viscosity at 20 degrees C."""
         given = isinstance(values, Mapping) and any(values.get(key) is not None for key in POINTS)
         if not given or values.get("viscosity") is not None:
             return values
@@ -260,6 +256,7 @@ class Oil(Part):
 
     @classmethod
     def _missing_key_problem(cls, key: str, node: Any) -> Problem:
+        """Problem of an oil's missing key."""
         if key == "viscosity":
             text = f"missing; {allowed_text(cls, key)}, or give viscosity_40 and viscosity_100 instead"
             return Problem((key,), None, text, BARE)
@@ -267,6 +264,7 @@ class Oil(Part):
 
     @classmethod
     def _rules(cls, node: Any) -> Iterable[Problem]:
+        """Problems of an oil's viscosities and pressures."""
         yield from _viscosity_rules(node)
         supply, ambient = node_value(node, "supply"), node_value(node, "ambient")
         ambient = 1.0e5 if ambient is None else ambient
@@ -293,7 +291,7 @@ class Oil(Part):
 
 
 def _walther_of_oil(oil: Any) -> Walther | None:
-    """Viscosity of an oil or mapping over temperature."""
+    """Viscosity of an oil or mapping over temperature, or None."""
     at_40, at_100 = (node_value(oil, key) for key in POINTS)
     if not are_numbers(at_40, at_100) or not THINNEST <= at_100 < at_40 <= THICKEST:
         return None
@@ -317,7 +315,7 @@ class Ratchet(Part):
     """A ratchet that lets a tensioner's plunger only out.
 
     Attributes:
-        pitch: pitch of the teeth, a [m].
+        pitch: of the teeth, a [m].
         backlash: way back behind the last tooth, s [m].
     """
 
@@ -332,14 +330,14 @@ class Tensioner(Part):
         name: unique among all parts.
         on: its arm or sprocket.
         at: point of contact as drawn [m].
-        direction: direction of the push.
+        direction: of the push.
         kind: "spring" or "hydraulic".
-        spring: spring; needed with kind "spring".
-        plunger: plunger; needed with kind "hydraulic".
+        spring: needed with kind "spring".
+        plunger: needed with kind "hydraulic".
         chamber, valve, oil: chamber, check valve and oil; needed with kind "hydraulic".
-        relief: relief valve; None is none.
-        vent: vent; None is none.
-        ratchet: ratchet; None is none.
+        relief: relief valve.
+        vent: vent.
+        ratchet: ratchet.
     """
 
     name: Name
@@ -376,37 +374,37 @@ class Tensioner(Part):
 
     @property
     def spring_stiffness(self) -> float:
-        """Stiffness k of the tensioner's spring [N/m]; 0 without one."""
+        """Stiffness of the tensioner's spring, or 0 [N/m]."""
         return 0.0 if self.spring is None else self.spring.stiffness
 
     @property
     def spring_preload(self) -> float:
-        """Force of the tensioner's spring as drawn [N]; 0 without one."""
+        """Force of the tensioner's spring as drawn, or 0 [N]."""
         return 0.0 if self.spring is None else self.spring.preload
 
     @property
     def spring_damping(self) -> float:
-        """Damping c of the tensioner's spring [N s/m]; 0 without one."""
+        """Damping of the tensioner's spring, or 0 [N s/m]."""
         return 0.0 if self.spring is None else self.spring.damping
 
     @property
     def plunger_mass(self) -> float:
-        """Mass of the tensioner's plunger [kg]; 0 without one."""
+        """Mass of the tensioner's plunger, or 0 [kg]."""
         return 0.0 if self.plunger is None else self.plunger.mass
 
     @property
     def area(self) -> float:
-        """Area A of the plunger [m^2]; 0 without oil."""
+        """Area of the tensioner's plunger, 0 without oil [m^2]."""
         return 0.25 * math.pi * power(self._bore[0], 2) if self.hydraulic else 0.0
 
     @property
     def hole_area(self) -> float:
-        """Area A_b of the check valve's hole [m^2]; 0 without oil."""
+        """Area of the check valve's hole, 0 without oil [m^2]."""
         return self.valve.hole_area if self.hydraulic and self.valve is not None else 0.0
 
     @property
     def leak_conductance(self) -> float:
-        """Leak flow over pressure difference, G [m^3/(s Pa)], (a); 0 without oil."""
+        """Leak flow over pressure difference, 0 without oil [m^3/(s Pa)]."""
         if not self.hydraulic:
             return 0.0
         diameter, gap, length = self._bore
@@ -416,7 +414,7 @@ class Tensioner(Part):
 
     @property
     def drag_flow(self) -> float:
-        """Flow dragged by the plunger over its speed, pi d h / 2 [m^2]; 0 without oil."""
+        """Oil flow that the plunger drags over its speed [m^2]."""
         return 0.5 * math.pi * self._bore[0] * self._bore[1] if self.hydraulic else 0.0
 
     @property
@@ -429,6 +427,7 @@ class Tensioner(Part):
 
     @classmethod
     def _rules(cls, node: Any) -> Iterable[Problem]:
+        """Problems of a tensioner's parts."""
         kind = node_value(node, "kind")
         if kind == "spring":
             if node_value(node, "spring") is None:

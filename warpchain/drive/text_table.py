@@ -1,11 +1,4 @@
-"""Text tables of drives and measured signals: a line of names, then lines of numbers.
-
-- The text is UTF-8, UTF-16, or else Windows-1252.
-- Cells are separated by the first of semicolons, tabs, commas and blanks at which a line of names stands above a line
-  of no more numbers. Lines above the names, or with #, are passed over.
-- Between commas, numbers have decimal points; otherwise the sign that some have. What is ambiguous needs `decimal`.
-- Units: NAME [UNIT], NAME (UNIT), NAME / UNIT, NAME in UNIT, a line of units below, or a unit as the name.
-"""
+"""Text tables of drives and measured signals: names, then numbers (docs/drive-file.md)."""
 
 from __future__ import annotations
 
@@ -24,18 +17,18 @@ from warpchain.errors import WarpchainError
 from warpchain.files import read_regular_file, refusal_reason
 
 SEPARATORS = {";": "semicolons", "\t": "tabs", ",": "commas", " ": "blanks"}
-"""Separators of cells, in the order in which they are tried."""
+"""Separators of cells, in order."""
 MISSING = "must have a line of names and lines of numbers below it, of two columns at least"
 MOST_PREAMBLE = 1000
-"""Most lines among which a table's names are sought."""
+"""Most lines in which a table's names are sought."""
 LONGEST_HEAD = 200
-"""Most characters of a column's head with a unit."""
+"""Most characters of a head with a unit."""
 GAPS = frozenset({"", "nan", "-nan", "na", "n/a", "#n/a", "#na", "#nv", "null", "1.#qnan", "-1.#ind", "1.#ind"})
 """Cells without a value, in small letters."""
 SUFFIXED_NAMES = ("time", "angle", "speed", "torque", "pressure", "lift", "x", "y")
 """Names that a unit may follow after an underscore."""
 TIME_NAMES = ("t", "time", "Time", "zeit", "Zeit", "temps", "Temps", "tempo", "Tempo")
-"""Names that may stand before a slash and a unit of time."""
+"""Names that may stand before a time's unit."""
 NO_TEXT = {
     b"PK\x03\x04": "a spreadsheet or an archive: save the table as CSV",
     b"\xd0\xcf\x11\xe0": "a spreadsheet: save the table as CSV",
@@ -44,7 +37,7 @@ NO_TEXT = {
     b"MATLAB": "a MAT file: its name must end in .mat",
     b"\x89HDF": "HDF5: save the table as CSV",
 }
-"""First bytes of files that are no text, with the remedy."""
+"""First bytes of other files, with the remedy."""
 _NUMBER = re.compile(r"[+-]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][+-]?[0-9]+)?")
 _LOOSE_NUMBER = re.compile(
     r"[+-]?(?:[0-9][0-9.,'’\u00a0\u202f ]*|[.,][0-9]+)(?:[eE][+-]?[0-9]+)?|[+-]?inf", re.IGNORECASE
@@ -63,7 +56,7 @@ _WITH_UNIT = (
 
 
 class TableError(WarpchainError):
-    """A table's text that is not understood, in one line without the file's name."""
+    """Error of a text table, in one line without the file's name."""
 
 
 class Head(NamedTuple):
@@ -77,14 +70,14 @@ class Head(NamedTuple):
 
 
 class Row(NamedTuple):
-    """Cells of a table's line, and its line number."""
+    """Cells of a text table's line, and its line number."""
 
     line: int
     cells: list[str]
 
     @property
     def width(self) -> int:
-        """Number of cells up to the last that is not empty."""
+        """Number of a row's cells up to the last filled one."""
         return max((k + 1 for k, cell in enumerate(self.cells) if cell), default=0)
 
 
@@ -93,9 +86,8 @@ class TextTable:
     """A text table as read, with text cells.
 
     Attributes:
-        heads: of the columns.
         line: line number of the names.
-        rows: rows below the names, none empty or longer than the heads.
+        rows: below the names, none empty or longer than the heads.
         decimal: "." or ",".
         is_grouped: whether the other sign may stand between thousands.
     """
@@ -116,7 +108,7 @@ class TextTable:
         return [row.cells[column] if column < len(row.cells) else "" for row in self.rows]
 
     def numbers(self, column: int) -> list[float]:
-        """Numbers of a column, NaN for gaps.
+        """Numbers of a text table's column, NaN for gaps.
 
         Raises:
             TableError: another text.
@@ -136,7 +128,7 @@ class TextTable:
         return found
 
     def _number(self, cell: str) -> float | None:
-        """Number of a cell, NaN for a gap, None for another text."""
+        """Number of a cell, NaN for a gap, or None."""
         if _NUMBER.fullmatch(cell) and self.decimal == "." and not self.is_grouped:
             return float(cell)
         if cell.lower() in GAPS:
@@ -163,7 +155,7 @@ def read_text_table(
     Args:
         decimal: "." or ","; None is found.
         head: line of the names; None is found.
-        names: known names of columns, in small letters.
+        names: known columns, in small letters.
 
     Raises:
         TableError: unreadable or ambiguous.
@@ -190,11 +182,11 @@ def read_text_table(
 
 
 def column_place(names: Sequence[tuple[str, str]], wanted: str | None, default: int, option: str) -> int:
-    """Index of a table's column by name or number "#2".
+    """Index of a text table's column by name or number "#2".
 
     Args:
         wanted: None takes `default`.
-        option: command line option, for messages.
+        option: of the command line, for messages.
 
     Raises:
         TableError: no single column of that name.
@@ -217,7 +209,7 @@ def column_place(names: Sequence[tuple[str, str]], wanted: str | None, default: 
 
 
 def options_as_keys(text: str) -> str:
-    """Refusal with a file's keys for command line options."""
+    """A table's refusal, with keys for command line options."""
     return re.sub(r"say --([a-z]+)-?([a-z]*)", lambda found: f"give {'_'.join(filter(None, found.groups()))}", text)
 
 
@@ -243,7 +235,7 @@ def head_of_cell(cell: str) -> Head:
 
 
 def _text_lines(path: str | Path) -> list[str]:
-    """Lines of a text file."""
+    """Lines of a text table's file."""
     try:
         data = read_regular_file(path)
     except (OSError, ValueError) as refused:  # a name with a zero byte is a ValueError
@@ -278,12 +270,12 @@ def _text_of_bytes(data: bytes) -> str:
 
 
 def _is_remark(line: str) -> bool:
-    """Whether a line begins with # and no gap such as #N/A."""
+    """Whether a text table's line is a remark, behind # but no gap."""
     return line.lstrip().startswith("#") and re.split(r"[;\t, ]", line.strip())[0].lower() not in GAPS
 
 
 def _parsed_rows(lines: Sequence[tuple[int, str]], separator: str) -> Iterator[Row]:
-    """Rows of numbered lines; quoted cells may span lines."""
+    """Rows of a text table's numbered lines."""
     texts = (text for _, text in lines)
     if separator == " ":
         texts = (_with_few_blanks(text) for text in texts)
@@ -298,7 +290,7 @@ def _parsed_rows(lines: Sequence[tuple[int, str]], separator: str) -> Iterator[R
 
 
 def _with_few_blanks(text: str) -> str:
-    """Line with single blanks, none before units' brackets."""
+    """Line of a text table with single blanks, none before units."""
     text = re.sub(r"\[[^\[\]]*\]|\([^()]*\)", lambda unit_of: unit_of[0].replace(" ", "·"), " ".join(text.split()))
     text = text.replace(" / ", "/")
     return re.sub(r"(?<=[^\s\])]) (?=[\[(])", "", text)
@@ -310,10 +302,10 @@ def _with_few_blanks(text: str) -> str:
 def _find_names(
     rows: list[Row], remarks: dict[int, str], separator: str, head: int | None, names: frozenset[str]
 ) -> tuple[list[Head], int, int] | None:
-    """Heads, their line and that of the first numbers.
+    """Heads of a text table, their line, and the first numbers'; or None.
 
     Raises:
-        TableError: several lines of names, or numbers without names.
+        TableError: several lines of names, or none.
     """
     if head is not None:
         return _names_at(rows, remarks, separator, head)
@@ -336,7 +328,7 @@ def _find_names(
 
 
 def _misplaced_numbers(above: list[Row], row: Row, block: list[Row], separator: str) -> TableError:
-    """Refusal of a line of numbers without names directly above."""
+    """Refusal of numbers without names directly above."""
     if block:
         text = "; decimal commas need semicolons or tabs between the columns" if separator == "," else ""
         return TableError(f"line {row.line}: has {row.width} cells below {block[-1].width} names{text}")
@@ -350,7 +342,7 @@ def _misplaced_numbers(above: list[Row], row: Row, block: list[Row], separator: 
 def _names_at(
     rows: list[Row], remarks: dict[int, str], separator: str, head: int
 ) -> tuple[list[Head], int, int] | None:
-    """Heads in a given line, it and that of the first numbers."""
+    """Heads in a given line, and the first numbers' line; or None."""
     own = _parsed_rows([(head, remarks[head])], separator) if head in remarks else rows
     names = next((row for row in own if row.line == head), None)
     below = [row for row in rows if row.line > head and row.width]
@@ -362,7 +354,7 @@ def _names_at(
 
 
 def _kind_of_cell(cell: str) -> str:
-    """ "gap", "number" (also date or time) or "text"."""
+    """Kind of a table's cell: "gap", "number" (also date or time) or "text"."""
     if cell.lower() in GAPS:
         return "gap"
     cell = cell.replace("\N{MINUS SIGN}", "-")
@@ -370,13 +362,13 @@ def _kind_of_cell(cell: str) -> str:
 
 
 def _is_number_row(cells: list[str]) -> bool:
-    """Whether a line begins with a number and has another or no text."""
+    """Whether a table's line is of numbers."""
     kinds = [kind for kind in map(_kind_of_cell, cells) if kind != "gap"]
     return len(cells) > 1 and kinds[:1] == ["number"] and ("text" not in kinds or kinds.count("number") > 1)
 
 
 def _rows_above(rows: list[Row], k: int) -> list[Row]:
-    """Lines of text directly above row k."""
+    """Rows of text directly above row k of a table."""
     above = rows[:k]
     while above and not above[-1].width:
         above.pop()
@@ -384,13 +376,13 @@ def _rows_above(rows: list[Row], k: int) -> list[Row]:
 
 
 def _is_text_row(cells: list[str]) -> bool:
-    """Whether no cell is a number, but for a unit 1."""
+    """Whether no cell of a table's line is a number."""
     filled = [cell for cell in cells if cell]
     return all(_kind_of_cell(cell) == "text" or (k and cell in ("1", "-")) for k, cell in enumerate(filled))
 
 
 def _names_place(block: list[Row], wide: list[int], names: frozenset[str]) -> int:
-    """Index of the line of names among those above the numbers."""
+    """Index of the line of names above a table's numbers."""
     said = [i for i in wide if _says_names(block[i].cells, names) and not _is_unit_row(block[i].cells)]
     if said:
         return said[-1]
@@ -405,24 +397,24 @@ def _names_place(block: list[Row], wide: list[int], names: frozenset[str]) -> in
 
 
 def _says_names(cells: list[str], names: frozenset[str]) -> bool:
-    """Whether a line has a known name, or one with a unit."""
+    """Whether a text table's line has known names or units."""
     heads = [head_of_cell(cell) for cell in cells]
     return any(head.name.lower() in names or (unit_from_text(head.unit) and head.unit != head.name) for head in heads)
 
 
 def _is_unit_row(cells: list[str]) -> bool:
-    """Whether all cells of a line are units."""
+    """Whether all cells of a table's line are units."""
     bare = [_cell_without_brackets(cell) for cell in cells if cell]
     return all(unit_from_text(cell) or cell in ("1", "") for cell in bare)
 
 
 def _cell_without_brackets(cell: str) -> str:
-    """Text of a cell without brackets around it."""
+    """Text of a table's cell without brackets around it."""
     return cell.strip(" []()")
 
 
 def _heads_of_rows(rows: list[Row]) -> list[Head]:
-    """Heads from rows of names and, if present, units."""
+    """Heads of a text table from rows of names and units."""
     heads = [head_of_cell(cell) for cell in rows[0].cells[: rows[0].width]]
     below = rows[1].cells if len(rows) > 1 else []
     if below and (_is_unit_row(below) or not any(head.unit not in ("", head.name) for head in heads)):
@@ -438,7 +430,7 @@ def _heads_of_rows(rows: list[Row]) -> list[Head]:
 
 
 def _rows_below(lines: list[tuple[int, str]], first: int, separator: str, count: int) -> list[Row]:
-    """Rows below a line; TableError for more than `count` cells."""
+    """Rows of a text table from a line on; raises a TableError for too many cells."""
     below = [line for line in lines if line[0] >= first and line[1].strip()]
     rows = [row for row in _parsed_rows(below, separator) if any(row.cells)]
     for row in rows:
@@ -449,7 +441,7 @@ def _rows_below(lines: list[tuple[int, str]], first: int, separator: str, count:
 
 
 def _decimal_sign(rows: list[Row], separator: str) -> str:
-    """Decimal sign of all numbers, by default a point."""
+    """Decimal sign of a text table's numbers, by default a point."""
     if separator == ",":
         return "."
     first: dict[str, tuple[int, str]] = {}

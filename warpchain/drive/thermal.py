@@ -32,9 +32,9 @@ class Expansion(Part):
     """Coefficients of linear expansion, or names of materials.
 
     Attributes:
-        block: coefficient of the housing that holds centers, guides and pivots [1/K].
-        wheels: coefficient of the sprockets [1/K].
-        chain: coefficient of the chains [1/K].
+        block: of the housing that holds centers, guides and pivots [1/K].
+        wheels: of the sprockets [1/K].
+        chain: of the chains [1/K].
     """
 
     block: Coefficient = MATERIALS["aluminum"]
@@ -43,6 +43,7 @@ class Expansion(Part):
 
     @classmethod
     def _complete_values(cls, values: Any) -> Any:
+        """Values of an expansion with materials as numbers."""
         if not isinstance(values, Mapping):
             return values
         return {key: MATERIALS.get(value, value) if isinstance(value, str) else value for key, value in values.items()}
@@ -52,10 +53,11 @@ Expansions = Annotated[Expansion | None, Allowed("must be a table { block, wheel
 
 
 class ExpansionRule(NamedTuple):
-    """Part with which a number of drive files expands, and the factor's power.
+    """Part with which a number of drive files expands.
 
     Attributes:
         of: key of `Expansion`.
+        power: of its factor.
     """
 
     of: str
@@ -104,7 +106,7 @@ GROWS = {
     "probes.radius": _BLOCK,
     "gears.module": _WHEELS,
 }
-"""Expansion of numbers by key; others keep the file's values."""
+"""Expansion of numbers by key, others constant."""
 
 
 def has_other_temperature(drive: Any) -> bool:
@@ -113,7 +115,7 @@ def has_other_temperature(drive: Any) -> bool:
 
 
 def expansion_factor(drive: Any, of: str) -> float:
-    """Expansion l/l_0 of a part of a drive, (a) [-]."""
+    """Thermal expansion l/l_0 of a part of a drive [-]."""
     if not has_other_temperature(drive):
         return 1.0
     assert drive.temperature is not None
@@ -122,7 +124,7 @@ def expansion_factor(drive: Any, of: str) -> float:
 
 
 def expanded_parts(drive: Any) -> dict[str, Any]:
-    """Parts of a drive that differ at its temperature, by key."""
+    """Parts of a drive that change at its temperature, by key."""
     factors = {of: expansion_factor(drive, of) for of in Expansion.model_fields}
     found: dict[str, Any] = {}
     for key, value in drive.__dict__.items():
@@ -140,7 +142,7 @@ def expanded_parts(drive: Any) -> dict[str, Any]:
 
 
 def _expanded_value(value: Any, path: str, factors: Mapping[str, float]) -> Any:
-    """A part, number or list, expanded; the same object where unchanged."""
+    """A part, number or list at temperature, itself if unchanged."""
     if isinstance(value, Part):
         new = {key: _expanded_value(inner, f"{path}.{key}", factors) for key, inner in value.__dict__.items()}
         changed = {key: inner for key, inner in new.items() if inner is not value.__dict__[key]}
@@ -150,12 +152,12 @@ def _expanded_value(value: Any, path: str, factors: Mapping[str, float]) -> Any:
     if path not in GROWS or value is None:
         return value
     of, power = GROWS[path]
-    return _multiplied(value, factors[of] ** power)
+    return _scaled_value(value, factors[of] ** power)
 
 
-def _multiplied(value: Any, factor: float) -> Any:
-    """A number, or each of a list, times a factor."""
-    return tuple(_multiplied(inner, factor) for inner in value) if isinstance(value, tuple) else value * factor
+def _scaled_value(value: Any, factor: float) -> Any:
+    """A number, or each of a list, times an expansion factor."""
+    return tuple(_scaled_value(inner, factor) for inner in value) if isinstance(value, tuple) else value * factor
 
 
 def _chains_with_pins(chain: Any, factor: float) -> Any:
@@ -168,7 +170,7 @@ def _chains_with_pins(chain: Any, factor: float) -> Any:
 
 
 def _wheel_changes(drive: Any, found: Mapping[str, Any], factors: Mapping[str, float]) -> dict[str, Any]:
-    """Pitch and clearance of teeth on sprockets that expand unlike the chain."""
+    """Pitch and clearance of sprockets that expand unlike the chain."""
     chains = drive.each_chain
     pitches = {node_value(chain, "name"): chain.pitch for chain in chains}
     radii = [chain.roller_radius for chain in chains]
@@ -196,7 +198,7 @@ def _tensioner_with_oil(tensioner: Any, temperature: float | None) -> Any:
 
 
 def clearance_rules(drive: Any) -> Iterator[Problem]:
-    """Problems of rollers that do not fit seats at the drive's temperature."""
+    """Problems of rollers that do not fit seats at temperature."""
     clearance = drive.contact.sprocket.clearance
     if clearance is not None and clearance < 0.0:
         text = "must be at least 0: wheels of another material than the chain grow into its rollers"
@@ -204,7 +206,7 @@ def clearance_rules(drive: Any) -> Iterator[Problem]:
 
 
 def oil_rules(drive: Any) -> Iterator[Problem]:
-    """Problems of oils that are unknown or solid at the drive's temperature."""
+    """Problems of oils unknown or solid at the drive's temperature."""
     temperature = drive.temperature
     assert temperature is not None
     for t, tensioner in enumerate(drive.tensioners):

@@ -35,7 +35,7 @@ def parse_toml(text: str, source: str) -> dict[str, Any]:
 
 
 def toml_text(tables: Mapping[str, Any]) -> str:
-    """TOML text that `tomllib` reads back equal, floats with every bit."""
+    """TOML text of tables, floats with every bit."""
     alone = {name: value for name, value in tables.items() if not isinstance(value, Mapping | list | tuple)}
     rest = {name: value for name, value in tables.items() if name not in alone}
     blocks = [list(_key_lines(alone))] if alone else []
@@ -43,7 +43,7 @@ def toml_text(tables: Mapping[str, Any]) -> str:
 
 
 def _table_blocks(tables: Mapping[str, Any], above: tuple[str, ...]) -> Iterator[list[str]]:
-    """Lines of a table, then of those below it."""
+    """Lines of a TOML table, then of those below it."""
     for name, value in tables.items():
         head = ".".join(_toml_key(word) for word in (*above, name))
         if isinstance(value, Mapping) and value and all(isinstance(inner, Mapping) for inner in value.values()):
@@ -56,6 +56,7 @@ def _table_blocks(tables: Mapping[str, Any], above: tuple[str, ...]) -> Iterator
 
 
 def _key_lines(table: Mapping[str, Any]) -> Iterator[str]:
+    """Lines `key = value` of a TOML table."""
     for key, value in table.items():
         yield f"{_toml_key(key)} = {inline_value(value)}"
 
@@ -98,7 +99,7 @@ def key_text(word: str) -> str:
 
 
 def value_text(value: Any) -> str:
-    """A value in an error line, as TOML where possible, shortened."""
+    """A value in an error line, as TOML if possible, shortened."""
     try:
         text = inline_value(value.item() if getattr(value, "ndim", None) == 0 else value, number_text)
     except TypeError:

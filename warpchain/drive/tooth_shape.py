@@ -1,4 +1,4 @@
-"""Tooth gaps of sprockets: seat arc, flanks and tips, given or of ISO 606, and their outlines."""
+"""Tooth gaps of sprockets, given or of ISO 606: seat arc, flanks, tips, outlines."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
 MARGIN = math.radians(5.0)
-"""Margin of the default seating angle below the limit [rad]."""
+"""Margin of the default seating angle [rad]."""
 
 
 @dataclass(frozen=True)
@@ -33,9 +33,9 @@ class Tooth:
     tip_radius: float
 
     def pressure_angle(self, teeth: int) -> float:
-        """Angle phi between a seated roller's link and the flank's first normal [rad].
+        """Angle between a seated roller's link and the flank's first normal, phi [rad].
 
-        phi = pi/2 - seat_angle/2 - pi/z; T_(i+1) / T_i = sin(phi) / sin(phi + 2 pi/z).
+        Tension falls by sin(phi) / sin(phi + 2 pi/z) from link to link.
         """
         return 0.5 * math.pi - 0.5 * self.seat_angle - math.pi / teeth
 
@@ -45,8 +45,7 @@ class Tooth:
         """Direction of a tooth gap's force on a roller, outward and counter-clockwise (...).
 
         Args:
-            xi, eta: (...) roller's center from the seat, outward and counter-clockwise [m].
-            roller_radius: [m].
+            xi, eta: (...) roller's center from the seat, likewise [m].
         """
         import numpy as np
 
@@ -63,7 +62,7 @@ class Tooth:
 
 
 def iso606_tooth(gap: str, roller_radius: float, teeth: int, pitch: float) -> Tooth:
-    """Minimum or maximum tooth gap of ISO 606 for radius and pitch [m]."""
+    """Minimum or maximum tooth gap of ISO 606."""
     d1 = 2.0 * roller_radius
     pitch_diameter = pitch / math.sin(math.pi / teeth)
     if gap == "minimum":
@@ -83,7 +82,7 @@ def iso606_tooth(gap: str, roller_radius: float, teeth: int, pitch: float) -> To
 
 @elementwise
 def releasing_seat_angle(pitch_radius: float, pitch: float) -> float:
-    """Largest seating angle whose straight flanks release a straight strand's rollers [rad]."""
+    """Largest seating angle whose straight flanks release a strand's rollers [rad]."""
     reach = pitch_radius + 0.5 * pitch
     s = math.sqrt(reach * reach - pitch_radius * pitch_radius)
     behind = s / pitch_radius - math.atan2(s, pitch_radius)
@@ -91,12 +90,12 @@ def releasing_seat_angle(pitch_radius: float, pitch: float) -> float:
 
 
 def default_seat_angle(teeth: int, pitch_radius: float, pitch: float) -> float:
-    """Default seating angle of a circular profile [rad]: 140 degrees - 90 degrees / z, or the releasing one."""
+    """Default seating angle, 140 - 90/z degrees or a releasing one [rad]."""
     return minimum(math.radians(140.0 - 90.0 / teeth), releasing_seat_angle(pitch_radius, pitch) - MARGIN)
 
 
 def half_gap_outline(tooth: Tooth, teeth: int, pitch_radius: float, arc_points: int = 9) -> NDArray[np.float64]:
-    """Outline from a gap's middle to the next tooth's (P, 2) [m], the seat at (pitch_radius, 0)."""
+    """Outline (P, 2) of half a tooth gap, seat at (pitch_radius, 0) [m]."""
     import numpy as np
 
     half_seat, half_pitch = 0.5 * tooth.seat_angle, math.pi / teeth
@@ -128,7 +127,7 @@ def half_gap_outline(tooth: Tooth, teeth: int, pitch_radius: float, arc_points: 
 
 
 def gap_outline(tooth: Tooth, teeth: int, pitch_radius: float, arc_points: int = 9) -> NDArray[np.float64]:
-    """Outline of a gap between teeth's middles (P, 2) [m], the seat at (pitch_radius, 0)."""
+    """Outline (P, 2) of a tooth gap, seat at (pitch_radius, 0) [m]."""
     import numpy as np
 
     half = half_gap_outline(tooth, teeth, pitch_radius, arc_points)
@@ -136,7 +135,7 @@ def gap_outline(tooth: Tooth, teeth: int, pitch_radius: float, arc_points: int =
 
 
 def teeth_around(gap: NDArray[np.float64], teeth: int) -> NDArray[np.float64]:
-    """Closed outline (P, 2) [m] of a wheel whose gaps between teeth's middles are alike, one about the x axis."""
+    """Closed outline (P, 2) of a wheel with equal tooth gaps (P, 2) [m]."""
     import numpy as np
 
     turn = 2.0 * math.pi / teeth * np.arange(teeth)
@@ -147,5 +146,5 @@ def teeth_around(gap: NDArray[np.float64], teeth: int) -> NDArray[np.float64]:
 
 
 def teeth_outline(tooth: Tooth, teeth: int, pitch_radius: float, arc_points: int = 9) -> NDArray[np.float64]:
-    """Closed outline of a sprocket's teeth (P, 2) [m], a seat at (pitch_radius, 0)."""
+    """Closed outline (P, 2) of a sprocket's teeth, a seat at (pitch_radius, 0) [m]."""
     return teeth_around(gap_outline(tooth, teeth, pitch_radius, arc_points), teeth)

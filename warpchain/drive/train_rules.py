@@ -29,7 +29,7 @@ from warpchain.drive.shafts import FIXED, Shaft
 from warpchain.drive.sprocket import Sprocket
 
 MOST_BODIES = 60
-"""Most sprockets and shafts of a drive with shafts, gears or couplings."""
+"""Most sprockets and shafts of a drive with trains."""
 
 SAME = 1e-6
 """Tolerance of speeds that must agree [-]."""
@@ -94,7 +94,7 @@ def _inertia_rules(drive: Any, names: Sequence[str]) -> Iterator[Problem]:
 
 
 def _shaft_sprocket_rules(drive: Any, several: bool) -> Iterator[Problem]:
-    """Problems of sprockets on shafts with another motion, center or mount."""
+    """Problems of sprockets on shafts: other motion, center or mount."""
     rigidly = {tie.b for tie in body_ties(drive) if tie.kind == "shaft"}
     first: dict[str, Any] = {}
     shafts = [node_value(shaft, "name") for shaft in node_list(drive, "shafts")]
@@ -125,7 +125,7 @@ def _shaft_sprocket_rules(drive: Any, several: bool) -> Iterator[Problem]:
 
 
 def _plain_value(value: Any) -> Any:
-    """A center or mount that can be compared and shown."""
+    """Comparable form of a center or mount of shaft rules."""
     if value is None:
         return "fixed"
     if hasattr(value, "model_dump"):
@@ -136,7 +136,7 @@ def _plain_value(value: Any) -> Any:
 
 
 def _gearbox_rules(drive: Any, names: Sequence[str]) -> Iterator[Problem]:
-    """Problems of gearbox ratios that are not between two shafts, or contradict ties."""
+    """Problems of gearbox ratios: not between two shafts, or contradicting ties."""
     on_shaft = [{str(node_value(of, "name")), str(node_value(of, "shaft"))} for of in node_list(drive, "sprockets")]
     for c, coupling in enumerate(node_list(drive, "couplings")):
         between = set(map(str, node_list(coupling, "between")))
@@ -154,7 +154,7 @@ def _gearbox_rules(drive: Any, names: Sequence[str]) -> Iterator[Problem]:
 
 
 def _contradiction_rules(drive: Any, names: Sequence[str]) -> Iterator[Problem]:
-    """Problems of ties that contradict each other, and of gears between two motions."""
+    """Problems of contradicting ties, and of gears between two motions."""
     _, wrong = ratios_with_chains(drive)
     for tie, known in wrong:
         yield _contradiction_problem(drive, names, tie, known)
@@ -177,7 +177,7 @@ def _contradiction_rules(drive: Any, names: Sequence[str]) -> Iterator[Problem]:
 
 
 def _carried_part_rules(drive: Any, names: Sequence[str]) -> Iterator[Problem]:
-    """Problems of bearings on prescribed bodies, and of gears whose axes move."""
+    """Problems of bearings on prescribed bodies, and gears whose axes move."""
     sprockets, tied = node_list(drive, "sprockets"), rigid_ratios(drive)
     parts = [*sprockets, *node_list(drive, "shafts")]
     led = {tied.root[b]: names[b] for b, part in enumerate(parts) if node_value(part, "prescribed") is not None}
@@ -240,7 +240,7 @@ def _has_known_ties(drive: Any, names: Sequence[str], found: Sequence[BodyTie]) 
 def _prescribed_speed_rules(
     parts: Sequence[Any], names: Sequence[str], tied: TiedRatios, count: int
 ) -> Iterator[Problem]:
-    """Problems of constant speeds that ties and chains do not allow together."""
+    """Problems of constant speeds that ties and chains exclude."""
     first: dict[int, int] = {}
     for b, part in enumerate(parts):
         speed = node_value(node_value(part, "prescribed"), "speed")
@@ -256,7 +256,7 @@ def _prescribed_speed_rules(
 
 
 def _motion_source_rules(drive: Any, names: Sequence[str], whole: bool) -> Iterator[Problem]:
-    """Problems of shafts that nothing turns, and of start speeds that contradict each other."""
+    """Problems of shafts that nothing turns, and contradicting start speeds."""
     count = len(node_list(drive, "sprockets"))
     parts = [*node_list(drive, "sprockets"), *node_list(drive, "shafts")]
     all_of, _ = ratios_with_chains(drive)

@@ -1,12 +1,6 @@
-"""Valve trains: groups of like valves that the cams of a sprocket or a shaft lift.
+"""Valve trains: groups of like valves that cams lift (docs/valve-trains.md).
 
-Lifts are periodic over the shaft's forward angle less a phase: a table, or a rise, dwell and fall with flanks
-
-    polynomial  35 s^4 - 84 s^5 + 70 s^6 - 20 s^7    (no acceleration, no jerk at its ends)
-    cycloid     s - sin(2 pi s) / (2 pi)             (no acceleration at its ends)
-    cosine      (1 - cos(pi s)) / 2                  (its acceleration jumps)
-
-for s from 0 to 1, joined by a periodic cubic spline.
+Lifts are periodic over the shaft's forward angle less a phase: a table, or a rise, dwell and fall, as a cubic spline.
 """
 
 from __future__ import annotations
@@ -46,13 +40,13 @@ if TYPE_CHECKING:
     Array = NDArray[np.float64]
 
 MOST_VALVES = 64
-"""Most valves a phase, and most phases, of a group."""
+"""Most valves a phase, and phases."""
 MOST_LIFT = 0.25
 """Largest lift of a valve [m]."""
 STEEPEST = 0.25
-"""Largest change of a lift from row to row, over the table's rise [-]."""
+"""Largest change of a lift between rows, over its rise [-]."""
 ROWS = 720
-"""Rows of a turn of a cam's profile."""
+"""Rows of a turn of a cam."""
 
 Phases = Annotated[
     tuple[Annotated[float, Field(strict=True, allow_inf_nan=False)], ...],
@@ -90,12 +84,12 @@ class LiftCurve:
 
     @property
     def revolutions(self) -> float:
-        """Period of the lift in revolutions."""
+        """Period of the valve lift in revolutions."""
         return 1.0 / round(2.0 * math.pi / (self.over[-1] - self.over[0]))
 
     @cached_property
     def spline(self) -> CubicSpline:
-        """Spline through the lift's rows."""
+        """Spline through the valve lift's rows."""
         from scipy.interpolate import CubicSpline  # here, since it takes a quarter of a second
 
         return CubicSpline(self.over, self.values, bc_type="periodic")
@@ -107,7 +101,7 @@ class LiftCurve:
         return float(abs(slope).max()), float(abs(bend).max())
 
     def lift_and_slopes(self) -> tuple[Array, Array, Array]:
-        """Lift and its two derivatives by angle over a turn, (`ROWS`,) each."""
+        """Lift and two derivatives by angle over a turn, (`ROWS`,) each."""
         import numpy as np  # here, since drives are read without it
 
         turn = np.linspace(0.0, 2.0 * np.pi, ROWS, endpoint=False)
@@ -120,7 +114,7 @@ class LiftTable(Part):
     Attributes:
         angle: forward angle [rad], ascending over one revolution or an equal part of one.
         lift: lift [m]; the last row repeats the first.
-        factor: factor of the lifts.
+        factor: of the lifts.
     """
 
     angle: Column
@@ -134,6 +128,7 @@ class LiftTable(Part):
 
     @classmethod
     def _rules(cls, node: Any) -> Iterable[Problem]:
+        """Problems of a valve lift's table."""
         if node_value(node, "file") is not None:
             yield Problem(("file",), node_value(node, "file"), "only drive files name a file; give angle and lift")
             return
@@ -153,7 +148,7 @@ class LiftTable(Part):
 
 
 def _periodic_lift_rules(angle: Any, lift: Any) -> Iterator[Problem]:
-    """Problems of a lift that does not close over its period, or jumps."""
+    """Problems of a valve lift that does not close, or jumps."""
     turn, last = angle[-1] - angle[0], len(angle) - 1
     parts = round(2.0 * math.pi / turn)
     if parts < 1 or abs(turn * parts / (2.0 * math.pi) - 1.0) > TURN_TOLERANCE:
@@ -199,6 +194,7 @@ class LiftProfile(Part):
 
     @classmethod
     def _rules(cls, node: Any) -> Iterable[Problem]:
+        """Problems of a valve lift's profile."""
         parts = [node_value(node, key) for key in ("rise", "fall")]
         dwell = 0.0 if node_value(node, "dwell") is None else node_value(node, "dwell")
         if not are_numbers(*parts, dwell):
@@ -216,12 +212,12 @@ FLANKS = {
     "cycloid": lambda s: s - math.sin(2.0 * math.pi * s) / (2.0 * math.pi),
     "cosine": lambda s: 0.5 * (1.0 - math.cos(math.pi * s)),
 }
-"""Flanks from 0 to 1 of a valve's lift by name."""
+"""Flanks of a valve's lift, 0 to 1, by name."""
 
 
 @cache
 def profile_curve(shape: str, rise: float, dwell: float, fall: float) -> LiftCurve:
-    """Lift of a profile over its largest [-]; angles in degrees."""
+    """Lift of a valve's profile over its largest [-]."""
     degrees = [360.0 * row / ROWS for row in range(ROWS)]
     parts = (min(angle / rise, (rise + dwell + fall - angle) / fall, 1.0) for angle in degrees)
     lift = [FLANKS[shape](max(part, 0.0)) for part in parts]
@@ -255,11 +251,11 @@ class Valves(Part):
     Attributes:
         name: unique among all parts.
         on: sprocket or shaft whose cams lift them.
-        number: number of valves of each phase.
+        number: of valves of each phase.
         phases: forward angles at which the cams begin [degrees].
         phase: further angle of all [degrees].
         mass: moving mass of a valve, at the valve [kg].
-        spring: spring of a valve.
+        spring: of a valve.
         profile: lift as a profile; this or a table.
         table: lift as a table.
     """
@@ -276,7 +272,7 @@ class Valves(Part):
 
     @property
     def curve(self) -> LiftCurve:
-        """Lift of the valves without `height`."""
+        """Lift curve of the valves without `height`."""
         of = self.profile or self.table
         assert of is not None  # the rule below
         return of.curve
@@ -287,16 +283,13 @@ class Valves(Part):
         return self.table.factor if self.profile is None else self.profile.lift  # type: ignore[union-attr]
 
     def lifts(self) -> tuple[Array, Array, Array]:
-        """Lift [m] and its two derivatives by angle over a turn, (`ROWS`,) each."""
+        """Lift [m] of the valves and two derivatives by angle over a turn, (`ROWS`,) each."""
         lift, slope, bend = (self.height * of for of in self.curve.lift_and_slopes())
         return lift, slope, bend
 
     @property
     def float_speed(self) -> float:
-        """Even shaft speed above which a follower lifts off [rad/s], infinite without any.
-
-        The least sqrt((F_0 + k l) / (-m l'')).
-        """
+        """Least shaft speed at which a valve's follower lifts off [rad/s]."""
         lift, _, bend = self.lifts()
         pressed, thrown = self.spring.preload + self.spring.stiffness * lift, -self.mass * bend
         over = thrown > 0.0
@@ -309,7 +302,7 @@ class Valves(Part):
 
     @property
     def torsional_stiffness(self) -> Any:
-        """Upper bound of the valves' sum k l'^2 + (F_0 + k l) l'' [N m/rad]."""
+        """Upper bound of the valves' torsional stiffness [N m/rad]."""
         steepest, most = self.curve.largest_slopes
         springs = self.spring.stiffness * self.height * steepest**2
         springs = springs + (self.spring.preload + self.spring.stiffness * self.height * max(self.curve.values)) * most
@@ -317,6 +310,7 @@ class Valves(Part):
 
     @classmethod
     def _rules(cls, node: Any) -> Iterable[Problem]:
+        """Problem of valves without one lift."""
         profile, table = node_value(node, "profile"), node_value(node, "table")
         if profile is None and table is None:
             yield Problem(("profile",), None, "missing; must be a table, or give table instead", BARE)
@@ -325,7 +319,7 @@ class Valves(Part):
 
 
 def valve_rules(drive: Any) -> Iterator[Problem]:
-    """Problems of valves on unknown bodies, or beside a balance wheel."""
+    """Problems of valves on unknown bodies or beside balance wheels."""
     parts = [*node_list(drive, "sprockets"), *node_list(drive, "shafts")]
     names = [str(node_value(part, "name")) for part in parts if is_name(node_value(part, "name"))]
     wheels = [node_value(part, "name") for part in parts if node_value(part, "balance_wheel") is not None]

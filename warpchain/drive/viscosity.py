@@ -16,7 +16,7 @@ SLOPE = 3.1
 REFERENCE = 20.0
 """Reference temperature of drive files [degrees C]."""
 SWEPT_FROM = 40.0
-"""Reference temperature of viscosity in sweeps of a rig [degrees C]."""
+"""Reference temperature of viscosity in sweeps [degrees C]."""
 THINNEST, THICKEST = 2e-6, 20.0
 """Viscosities for which (a) holds [m^2/s]."""
 
@@ -28,14 +28,14 @@ class Walther(NamedTuple):
     b: float
 
     def viscosity(self, temperature: float) -> float:
-        """Kinematic viscosity [m^2/s] at a temperature [degrees C], infinite beyond floats."""
+        """Kinematic viscosity at a temperature [degrees C], or infinite [m^2/s]."""
         try:
             return 1e-6 * (10.0 ** (10.0 ** (self.a - self.b * math.log10(temperature + KELVIN))) - 0.7)
         except OverflowError:
             return math.inf
 
     def temperature(self, viscosity: float) -> float:
-        """Temperature [degrees C] of a viscosity [m^2/s]."""
+        """Temperature of an oil's viscosity [degrees C]."""
         return 10.0 ** ((self.a - _double_logarithm(viscosity)) / self.b) - KELVIN
 
 
@@ -45,11 +45,11 @@ def _double_logarithm(viscosity: float) -> float:
 
 
 def walther_from_two_points(at_40: float, at_100: float) -> Walther:
-    """Walther's constants through viscosities at 40 and 100 degrees C [m^2/s]."""
+    """Walther's constants through viscosities at 40 and 100 degrees C."""
     fall = _double_logarithm(at_40) - _double_logarithm(at_100)
     return walther_from_slope(at_40, 40.0, fall / math.log10((100.0 + KELVIN) / (40.0 + KELVIN)))
 
 
 def walther_from_slope(viscosity: float, at: float = SWEPT_FROM, slope: float = SLOPE) -> Walther:
-    """Walther's constants from a viscosity [m^2/s] at a temperature [degrees C] and B."""
+    """Walther's constants from a viscosity at a temperature and B."""
     return Walther(_double_logarithm(viscosity) + slope * math.log10(at + KELVIN), slope)

@@ -1,4 +1,4 @@
-"""Model of a drive: its chains, bodies and trains; stacks of drives."""
+"""Model of a drive: chains, bodies, trains; stacks of drives."""
 
 from warpchain.model.chain_model import ChainModel
 from warpchain.model.model import Model, chains_of, single_chain

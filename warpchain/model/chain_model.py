@@ -1,4 +1,4 @@
-"""One chain of a drive with its parts, and what follows from them."""
+"""One chain of a drive with its parts, and what follows."""
 
 from __future__ import annotations
 
@@ -29,14 +29,13 @@ from warpchain.model.train_speeds import driver_top_speed
 
 @dataclass(frozen=True)
 class ChainModel:
-    """One chain of a drive, or of a stack of drives, with its parts.
+    """One chain of a drive, or of a stack, with its parts.
 
     Bodies are numbered sprockets, shafts, arms. Numbers that differ within a stack are arrays (V,).
 
     Attributes:
-        name: "" where it is the only one.
-        sprockets: (S,) in the chain's order.
-        run: its phase is that of the chain's leading sprocket.
+        name: "" of a single chain.
+        run: with the phase of the chain's leader.
         shafts: (H,) those at home here (`warpchain.model.chain_models`), then `SprocketShaft`s.
         places: indices of its parts in the drive, by list.
     """
@@ -58,54 +57,50 @@ class ChainModel:
 
     @property
     def links(self) -> int:
-        """Number of links, and of rollers; an open chain's absent link counts."""
+        """Number of the chain's links, or rollers, an absent one counted."""
         return self.chain.rollers
 
     @property
     def driver(self) -> int:
-        """Index of the driving sprocket: the first prescribed, or the nearest to the driving body."""
+        """Index of the chain's driving sprocket."""
         return driving_sprocket(self)
 
     @property
     def driver_speed(self) -> Any:
-        """Top speed of the driver, harmonics aside [rad/s]."""
+        """Top speed of the chain's driver [rad/s]."""
         prescribed = self.sprockets[self.driver].prescribed
         return driver_top_speed(self) if prescribed is None else prescribed.top_speed
 
     @property
     def chain_speed(self) -> Any:
-        """Speed of the chain at the driver's top speed [m/s]."""
+        """Speed of the chain at its driver's top speed [m/s]."""
         return abs(self.driver_speed) * self.pitch_radius(self.driver)
 
     @property
     def own_shafts(self) -> tuple[Shaft, ...]:
-        """Shafts but `SprocketShaft`s."""
+        """Shafts of the chain but `SprocketShaft`s."""
         return tuple(shaft for shaft in self.shafts if not isinstance(shaft, SprocketShaft))
 
     @property
     def strand_names(self) -> tuple[str, ...]:
-        """Names (S,) "FROM->TO" of strands."""
+        """Names (S,) "FROM->TO" of the chain's strands."""
         return strand_names(self.sprockets)
 
     @property
     def first_arm_body(self) -> int:
-        """Number of the first arm's body."""
+        """Body number of the first arm."""
         return len(self.sprockets) + len(self.shafts)
 
     def sprocket_pitch(self, s: int) -> float:
-        """Pitch of a sprocket's teeth [m]."""
+        """Pitch of sprocket s' teeth [m]."""
         return tooth_pitch(self.sprockets[s], self.chain)
 
     def pitch_radius(self, s: int) -> float:
-        """Radius of a sprocket's pitch circle [m]."""
+        """Radius of sprocket s' pitch circle [m]."""
         return pitch_radius(self.sprockets[s], self.chain)
 
     def riding_radius(self, s: int) -> float:
-        """Radius at which rollers ride on a sprocket [m]: in their seats, or on the flanks where links are longer.
-
-        Links of length l ride at l / (2 sin(pi/z)); unlike ones l, l', with a = 4 pi/z, at sqrt(l^2 + l'^2 + 2 l l'
-        cos(a/2)) / (2 sin(a/2)).
-        """
+        """Radius at which rollers ride on sprocket s, seated or, of longer links, on flanks [m]."""
         if self.sprockets[s].is_end:
             return END_RADIUS
         half = math.pi / self.sprockets[s].teeth
@@ -117,7 +112,7 @@ class ChainModel:
         return where(inner == outer, alone, maximum(self.pitch_radius(s), over_both / (2.0 * math.sin(2.0 * half))))
 
     def riding_lean(self, s: int) -> float:
-        """Angle by which outer links reach beyond a tooth at either end, and inner ones fall short [rad]."""
+        """Angle by which outer links outreach a tooth of sprocket s [rad]."""
         if self.chain.outer is None or self.sprockets[s].is_end:
             return 0.0
         inner, outer = self.chain.pulled_pair
@@ -126,19 +121,19 @@ class ChainModel:
         return where((inner == outer) | (radius <= self.pitch_radius(s)), 0.0, lean)
 
     def tooth(self, s: int) -> Tooth:
-        """Tooth gap of a sprocket: its own, the contact's, or ISO 606's."""
+        """Tooth gap of sprocket s."""
         return sprocket_tooth(self.sprockets[s], self.chain, self.contact.sprocket)
 
     def seat_angle(self, s: int) -> float:
-        """Angle of a sprocket's seat arc [rad]."""
+        """Seat arc's angle of sprocket s [rad]."""
         return self.tooth(s).seat_angle
 
     def tip_radius(self, s: int) -> float:
-        """Radius of a sprocket's tips [m]."""
+        """Radius of sprocket s' tips [m]."""
         return self.tooth(s).tip_radius
 
     def engagement(self, s: int) -> float:
-        """Height over a sprocket's pitch circle within which it keeps rollers [m]: half a pitch, or to the tips."""
+        """Height over sprocket s' pitch circle that keeps rollers [m]."""
         if self.sprockets[s].is_end:
             return 0.0
         size = self.chain.plate.reach if self.chain.is_silent else self.chain.roller_radius
@@ -146,79 +141,76 @@ class ChainModel:
         return maximum(0.5 * self.chain.pitch, reach)
 
     def catching_sprockets(self) -> tuple[int, ...]:
-        """Indices of sprockets whose straight flanks catch a strand's rollers."""
+        """Indices of sprockets whose straight flanks catch rollers."""
         of = enumerate(self.sprockets)
         return tuple(s for s, sprocket in of if is_catching(sprocket, self.chain, self.tooth(s)))
 
     def guide_contact(self, g: int) -> GuideContact:
-        """Contact settings of a guide: the common ones, its own over them."""
+        """Contact settings of guide g, its own over the common ones."""
         common, own = self.contact.guide, self.guides[g].contact
         assert common is not None  # the drive's own rule
         return common if own is None else GuideContact.model_construct(**merged_contact_values(common, own))
 
     def profile(self, g: int) -> Profile:
-        """Face of a guide as drawn."""
+        """Face of guide g as drawn."""
         profile = guide_profile(self.guides[g], self.chain.pitch)
         assert profile is not None  # the guide's own rules
         return profile
 
     def guide_offset(self, g: int) -> float:
-        """Height of touching rollers over a guide's face [m]: its own, or the rollers' radius."""
+        """Height of touching rollers over guide g's face [m]."""
         own = self.guides[g].offset
         return self.chain.roller_radius if own is None else own
 
     def arm_index(self, name: str) -> int | None:
-        """Index of an arm by its name; None without one."""
+        """Index of an arm by name, or None."""
         return next((a for a, arm in enumerate(self.arms) if arm.name == name), None)
 
     def arm_of(self, g: int) -> int | None:
-        """Index of the arm that carries a guide; None on the ground."""
+        """Index of the arm that carries guide g, or None."""
         name = self.guides[g].arm
         return None if name is None else self.arm_index(name)
 
     def guides_of(self, a: int) -> tuple[int, ...]:
-        """Indices of guides on an arm."""
+        """Indices of guides on arm a."""
         return tuple(g for g, guide in enumerate(self.guides) if guide.arm == self.arms[a].name)
 
     def carrier(self, s: int) -> int | None:
-        """Index of the arm that carries a sprocket; None where none does."""
+        """Index of the arm that carries sprocket s, or None."""
         mount = self.sprockets[s].mount
         return self.arm_index(mount.arm) if isinstance(mount, ArmMount) else None
 
     def parent(self, a: int) -> int | None:
-        """Index of the arm that carries an arm; None on the ground."""
+        """Index of the arm that carries arm a, or None."""
         name = self.arms[a].arm
         return None if name is None else self.arm_index(name)
 
     def arms_on(self, a: int) -> tuple[int, ...]:
-        """Indices of arms on an arm."""
+        """Indices of arms on arm a."""
         return tuple(k for k, arm in enumerate(self.arms) if arm.arm == self.arms[a].name)
 
     def masses_on(self, a: int) -> list[tuple[float, tuple[float, float]]]:
-        """Masses [kg] and places [m], as drawn, of an arm, sprockets on it and, at their pivots, arms on it."""
+        """Masses [kg] and drawn places [m] of arm a and what it carries."""
         arm, carried = self.arms[a], (self.sprockets[s] for s in self.sprockets_on(a))
         found = [(arm.mass, arm.center), *((s.mass, s.center) for s in carried if s.mass is not None)]
         return found + [(sum(mass for mass, _ in self.masses_on(k)), self.arms[k].pivot) for k in self.arms_on(a)]
 
     def pivot_table(self, s: int) -> PlaceTable | None:
-        """Table that leads a sprocket's pivot."""
+        """Table that leads sprocket s' pivot, or None."""
         arm = self.carrier(s)
         return None if arm is None else self.arms[arm].pivot_table
 
     def sprockets_on(self, a: int) -> tuple[int, ...]:
-        """Indices of sprockets on an arm."""
+        """Indices of sprockets on arm a."""
         return tuple(s for s in range(len(self.sprockets)) if self.carrier(s) == a)
 
     def center_lever(self, s: int) -> float:
-        """Distance of a sprocket from its arm's pivot [m]."""
+        """Distance of sprocket s from its arm's pivot [m]."""
         (x, y), (px, py) = self.sprockets[s].center, self.arms[self.carrier(s)].pivot  # type: ignore[index]
         return hypot(x - px, y - py)
 
     def arm_lever(self, a: int) -> float:
-        """Largest distance of guided chain and carried sprockets' centers from an arm's pivot [m].
-
-        Of an arm that carries neither, that of its center of mass, or else a pitch.
-        """
+        """Largest distance of guided chain and sprockets from arm a's pivot [m]."""
         px, py = self.arms[a].pivot
         faces = [self.profile(g).points(self.chain.pitch, caps=False).tolist() for g in self.guides_of(a)]
         reach = maximum(0.0, *(hypot(px - x, py - y) for face in faces for x, y in face))
@@ -227,15 +219,15 @@ class ChainModel:
         return where(reach > 0.0, reach, where(beside > 0.0, beside, self.chain.pitch))
 
     def stop_stiffness(self, a: int) -> float:
-        """Stiffness of an arm's stops [N m/rad]."""
+        """Stiffness of arm a's stops [N m/rad]."""
         return stop_stiffness(self.arms[a], self.arm_lever(a), self.chain.stiffness, self.chain.mass)
 
     def stop_damping(self, a: int) -> float:
-        """Damping of an arm's stops [N m s/rad]."""
+        """Damping of arm a's stops [N m s/rad]."""
         return stop_damping(self.arms[a], self.stop_stiffness(a))
 
     def arm_inertia(self, a: int) -> float:
-        """Inertia of an arm about its pivot, with its plungers and the masses of sprockets and arms on it [kg m^2]."""
+        """Inertia of arm a and what it carries about its pivot [kg m^2]."""
         body, (px, py) = self.first_arm_body + a, self.arms[a].pivot
         carried = 0.0
         for s in self.sprockets_on(a):
@@ -246,13 +238,13 @@ class ChainModel:
         return self.arms[a].inertia + self.plunger_mass_on(body) + carried
 
     def plunger_mass_on(self, body: int) -> float:
-        """Plungers' mass [kg] on a sprocket, inertia [kg m^2] on an arm."""
+        """Plungers' mass on a sprocket [kg], or inertia on an arm [kg m^2]."""
         tensioners = range(len(self.tensioners))
         on = (t for t in tensioners if self.tensioner_body(t) == body)
         return sum(self.tensioners[t].plunger_mass * power(self.tensioner_lever(t), 2) for t in on)
 
     def tensioner_lever(self, t: int) -> float:
-        """Lever of a tensioner on an arm [m]; 1 on a sprocket."""
+        """Lever of tensioner t on an arm, 1 on a sprocket [m]."""
         tensioner = self.tensioners[t]
         arm = self.arm_index(tensioner.on)
         if arm is None:
@@ -262,7 +254,7 @@ class ChainModel:
         return (x - px) * dy - (y - py) * dx
 
     def tensioner_body(self, t: int) -> int:
-        """Number of the body that a tensioner pushes: a sprocket's, or an arm's from `first_arm_body` on."""
+        """Body number, of a sprocket or an arm, that tensioner t pushes."""
         name = self.tensioners[t].on
         arm = self.arm_index(name)
         if arm is not None:
@@ -270,9 +262,7 @@ class ChainModel:
         return next(s for s, sprocket in enumerate(self.sprockets) if sprocket.name == name)
 
     def sprocket_stiffness(self, s: int) -> float:
-        """Generalized stiffness of a sprocket's contact [N/m^n], eq. (20), bush and pin in series; of an end, a link's.
-
-        A flank on a tooth is taken for a cylinder as large as the flank is long.
+        """Generalized contact stiffness of sprocket s, eq. (20), bush and pin in series; of an end a link's [N/m^n].
 
         Raises:
             DriveError: reference load beyond validity.
@@ -289,7 +279,7 @@ class ChainModel:
         return tooth if law.bush_stiffness is None else 1.0 / (1.0 / tooth + 1.0 / law.bush_stiffness)
 
     def guide_stiffness(self, g: int) -> float:
-        """Generalized stiffness of a guide's contact [N/m^n], eq. (20).
+        """Generalized contact stiffness of guide g [N/m^n], eq. (20).
 
         Raises:
             DriveError: reference load beyond validity.

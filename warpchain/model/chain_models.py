@@ -1,7 +1,7 @@
-"""Chains of a drive as models, each with its parts.
+"""Models of a drive's chains, each with its parts.
 
-Bodies that shafts, gears and couplings tie are a group. Its home is the chain that turns it, or the first that it
-turns; there its sprockets of other chains are shafts (`SprocketShaft`).
+Bodies tied by shafts, gears and couplings are a group. Its home is the chain that turns it, or the first that it turns;
+there its other sprockets are shafts (`SprocketShaft`).
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ from warpchain.model.trains import inertia_of_body, prescribed_leader, train_ine
 
 
 class StartMotion(NamedTuple):
-    """Start motion of a body: a motion, and the body's ratio to it."""
+    """Start motion of a body, and the body's ratio to it."""
 
     motion: Prescribed
     ratio: Any
@@ -40,8 +40,8 @@ class _MotionPlan:
     """Order of motion through chains and groups.
 
     Attributes:
-        group: of each body, its group's number.
-        leaders: each chain's leading sprocket, in the order of motion.
+        group: of each body, by number.
+        leaders: leading sprockets by chain, in this order.
         home: chain of each group.
     """
 
@@ -70,24 +70,24 @@ class _MotionPlan:
             self.home.setdefault(group, drive.chains[0].name)
 
     def chain_sprockets(self, name: str) -> list[int]:
-        """Indices of the sprockets of a chain."""
+        """Indices of a chain's sprockets in the drive."""
         return [s for s, sprocket in enumerate(self.drive.sprockets) if sprocket.chain == name]
 
     def home_chain(self, b: int) -> str:
-        """Name of a body's home chain."""
+        """Name of body b's home chain."""
         return self.home[self.group[b]]
 
     def speed_ratio(self, b: int, other: int) -> float:
-        """Forward speed of a body over another's; 1 where nothing ties them."""
+        """Forward speed of a body over another's; 1 if untied."""
         alike = self.tied.root[b] == self.tied.root[other]
         return abs(float(self.tied.ratio[b] / self.tied.ratio[other])) if alike else 1.0
 
     def group_bodies(self, b: int) -> list[int]:
-        """Bodies of a body's group."""
+        """Bodies of body b's group."""
         return [other for other, group in enumerate(self.group) if group == self.group[b]]
 
     def bodies_and_chains_beyond(self, s: int) -> tuple[list[int], list[str]]:
-        """Bodies and chains turned through a leading sprocket."""
+        """Bodies and chains turned through leading sprocket s."""
         chains, bodies = [name for name, leader in self.leaders.items() if leader == s], list[int]()
         for name in chains:  # which grows
             new = [b for b in self._bodies_turned_by_chain(name) if b not in bodies]
@@ -103,11 +103,7 @@ class _MotionPlan:
 
 
 def chain_models(drive: Drive, loaded: bool = False) -> tuple[ChainModel, ...]:
-    """Models of the chains of a drive or stack.
-
-    Args:
-        loaded: whether `SprocketShaft`s have their loads, for figures before a run.
-    """
+    """Models of a drive's or stack's chains, `SprocketShaft`s with loads where `loaded`."""
     if not drive.chains:
         parts = {kind: getattr(drive, kind) for kind in (*CHAIN_PARTS, *TRAIN_PARTS)}
         places = _own_places(tuple(map(len, parts.values())))
@@ -129,7 +125,7 @@ def _own_places(counts: tuple[int, ...]) -> Mapping[str, tuple[int, ...]]:
 def _chain_model(
     plan: _MotionPlan, name: str, found: dict[str, ChainModel], starts: dict[str, StartMotion], loaded: bool
 ) -> ChainModel:
-    """Model of a chain, after those before it in the order of motion."""
+    """Model of a chain after those before it in motion."""
     drive, count, places = plan.drive, plan.count, chain_part_places(plan.drive, name)
     mine = [b for b in range(len(plan.names)) if plan.home_chain(b) == name]
     places["shafts"] = tuple(b - count for b in mine if b >= count)
@@ -166,7 +162,7 @@ def _chain_model(
 
 
 def _motions_by_own_angle(plan: _MotionPlan, b: int, names: set[str]) -> dict[str, Any]:
-    """Motion, load and motor of a body within its chain."""
+    """Motion, load and motor of body b over its chain's angles."""
     part = part_of_body(plan.drive, b)
     given = {key: getattr(part, key, None) for key in ("prescribed", "load", "motor")}
     return {
@@ -177,12 +173,12 @@ def _motions_by_own_angle(plan: _MotionPlan, b: int, names: set[str]) -> dict[st
 
 
 def _speed_ratio_by_name(plan: _MotionPlan, b: int) -> Any:
-    """Function from a body's name to its speed over body b's."""
+    """Function of a body's name: its speed over body b's."""
     return lambda name: plan.speed_ratio(plan.names.index(name), b)
 
 
 def _sprocket_away_from_home(plan: _MotionPlan, s: int, names: set[str]) -> Sprocket:
-    """Sprocket away from its home chain, with inertia and motion of its train."""
+    """Sprocket s away from its home chain, with its train's inertia and motion."""
     drive, sprocket = plan.drive, plan.drive.sprockets[s]
     led_by, first = prescribed_leader(drive, s), train_of_body(drive, s).bodies[0]
     changes = _motions_by_own_angle(plan, s, names) | {"shaft": plan.names[first], "prescribed": None}
@@ -194,7 +190,7 @@ def _sprocket_away_from_home(plan: _MotionPlan, s: int, names: set[str]) -> Spro
 
 
 def _motion_at_ratio(plan: _MotionPlan, leader: int, b: int, names: set[str]) -> Prescribed:
-    """Prescribed motion of a body by its ratio to a leader."""
+    """Prescribed motion of body b by its leader's."""
     own = motion_by_own_angle(part_of_body(plan.drive, leader).prescribed, names, _speed_ratio_by_name(plan, leader))
     ratio, table = plan.speed_ratio(b, leader), own.table
     if table is not None:
@@ -211,7 +207,7 @@ def _motion_at_ratio(plan: _MotionPlan, leader: int, b: int, names: set[str]) ->
 def _led_sprocket(
     plan: _MotionPlan, s: int, sprocket: Sprocket, found: dict[str, ChainModel], starts: dict[str, StartMotion]
 ) -> LedSprocket:
-    """Sprocket that another chain turns, as its chain's leader."""
+    """Leading sprocket of a chain that another chain turns."""
     home = found[plan.home_chain(s)]
     turned = plan.speed_ratio(s, home.places["sprockets"][home.driver])
     start = _start_motion(plan, s, found, starts)
@@ -223,7 +219,7 @@ def _led_sprocket(
 def _start_motion(
     plan: _MotionPlan, b: int, found: dict[str, ChainModel], starts: dict[str, StartMotion]
 ) -> StartMotion:
-    """Start motion of a body by ties, chains or couplings."""
+    """Start motion of body b by ties, chains or couplings."""
     for other in (b, *plan.group_bodies(b)):
         start = _train_start_motion(plan, other, found, starts)
         if start is not None:
@@ -234,7 +230,7 @@ def _start_motion(
 def _train_start_motion(
     plan: _MotionPlan, b: int, found: dict[str, ChainModel], starts: dict[str, StartMotion]
 ) -> StartMotion | None:
-    """Start motion of a body by its train or chains; None without one."""
+    """Start motion of body b by its train or chains, or None."""
     train = train_of_body(plan.drive, b).bodies
     for other in train:
         part, home = part_of_body(plan.drive, other), found.get(plan.home_chain(other))
@@ -255,7 +251,7 @@ def _train_start_motion(
 
 
 def _sprocket_as_home_shaft(plan: _MotionPlan, s: int, names: set[str], loaded: bool) -> SprocketShaft:
-    """Sprocket as a shaft of its home chain."""
+    """Shaft that stands for sprocket s in its home chain."""
     drive, sprocket = plan.drive, plan.drive.sprockets[s]
     bodies, chains = plan.bodies_and_chains_beyond(s)
     own = _motions_by_own_angle(plan, s, names)

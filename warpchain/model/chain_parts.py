@@ -1,4 +1,4 @@
-"""Parts of a drive that belong to each of its chains."""
+"""Parts of a drive that belong to each chain."""
 
 from __future__ import annotations
 
@@ -9,9 +9,9 @@ from warpchain.drive.arms import Arm
 from warpchain.drive.sprocket import ArmMount
 
 CHAIN_PARTS = ("sprockets", "guides", "arms", "tensioners", "probes")
-"""Lists of parts that belong to one chain."""
+"""Lists of parts of one chain."""
 GROUP_PARTS = ("gears", "couplings", "valves")
-"""Lists of parts that belong to one group of bodies."""
+"""Lists of parts of one group of bodies."""
 TRAIN_PARTS = ("shafts", *GROUP_PARTS)
 """Lists of parts that turn with sprockets."""
 
@@ -27,7 +27,7 @@ def chain_part_places(drive: Any, name: str) -> dict[str, tuple[int, ...]]:
 
 
 def chain_of_arm(drive: Any, arm: Arm) -> str | None:
-    """Name of an arm's chain: that of what it carries, of arms on it or below it; else the first."""
+    """Name of an arm's chain, by what its row of arms carries."""
     first = arm.arm or arm.name
     row = {first} | {other.name for other in drive.arms if other.arm == first}
     guides = [guide.chain for guide in drive.guides if guide.arm in row]
@@ -36,11 +36,11 @@ def chain_of_arm(drive: Any, arm: Arm) -> str | None:
 
 
 def motion_by_own_angle(motion: Any, names: Set[str], ratio: Callable[[str], float]) -> Any:
-    """A motion, load or motor by angles within its chain.
+    """A motion, load or motor over angles within its chain.
 
     Args:
         names: of the chain's shafts.
-        ratio: speed of a shaft over its own.
+        ratio: of a shaft's speed to its own.
     """
     changes: dict[str, Any] = {}
     if getattr(motion, "harmonics", ()):

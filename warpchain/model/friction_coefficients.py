@@ -24,17 +24,17 @@ class FrictionCoefficients:
 
     @property
     def has_friction(self) -> bool:
-        """Whether the contact has friction."""
+        """Whether the coefficients give friction."""
         return is_true_somewhere(self.larger_coefficient > 0.0)
 
     @property
     def larger_coefficient(self) -> float:
-        """Larger coefficient [-]."""
+        """Larger of the friction coefficients [-]."""
         return maximum(self.dynamic, self.static)
 
 
 def friction_coefficients(law: ImpactLaw | Joint, most: float = math.inf) -> FrictionCoefficients:
-    """Friction coefficients of a contact, at most `most`."""
+    """Friction coefficients of a contact or joint, at most `most`."""
     dynamic = 0.0 if law.friction is None else law.friction
     static = dynamic if law.static_friction is None else law.static_friction
     speed = 1.0 if law.stribeck_speed is None else law.stribeck_speed
@@ -44,20 +44,20 @@ def friction_coefficients(law: ImpactLaw | Joint, most: float = math.inf) -> Fri
 
 
 def tooth_friction_coefficients(model: ChainModel, s: int | None = None) -> FrictionCoefficients:
-    """Friction coefficients of rollers on teeth, none on sprocket `s` where that is an end."""
+    """Friction coefficients of rollers on teeth; 0 on an end."""
     if s is not None and model.sprockets[s].is_end:
         return FrictionCoefficients(0.0, 0.0, 1.0)
     return friction_coefficients(model.contact.sprocket)
 
 
 def guide_friction_coefficients(model: ChainModel, g: int) -> FrictionCoefficients:
-    """Friction coefficients of rollers or plates on a guide."""
+    """Friction coefficients of rollers or plates on guide g."""
     law = model.guide_contact(g)
     return friction_coefficients(law, _rolling_coefficient(model) if law.rolling else math.inf)
 
 
 def partner_friction_coefficients(model: ChainModel, index: int) -> FrictionCoefficients:
-    """Friction coefficients of rollers on a partner: sprockets, then guides."""
+    """Friction coefficients of rollers on sprocket or guide `index`."""
     sprockets = len(model.sprockets)
     if index < sprockets:
         return tooth_friction_coefficients(model, index)
@@ -65,12 +65,12 @@ def partner_friction_coefficients(model: ChainModel, index: int) -> FrictionCoef
 
 
 def has_partner_friction(model: ChainModel, index: int) -> bool:
-    """Whether rollers rub on a partner: sprockets, then guides."""
+    """Whether rollers rub on sprocket or guide `index`."""
     return partner_friction_coefficients(model, index).has_friction
 
 
 def _rolling_coefficient(model: ChainModel) -> float:
-    """Coefficient that a rolling roller transmits, mu_b r_b / R_r [-]."""
+    """Friction coefficient of a rolling roller, mu_b r_b / R_r [-]."""
     joint, pin_radius = getattr(model.chain, "joint", None), getattr(model.chain, "pin_radius", None)
     if joint is None or pin_radius is None:
         return 0.0

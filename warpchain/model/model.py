@@ -1,4 +1,4 @@
-"""A drive as a whole with its chains, and how they turn each other."""
+"""A drive with its chains, and how they turn each other."""
 
 from __future__ import annotations
 
@@ -13,31 +13,28 @@ from warpchain.model.chain_models import chain_models
 from warpchain.model.parts_between_chains import SprocketShaft
 
 ChainBody = tuple[int, int]
-"""A chain's index, and a body's number in it."""
+"""Chain's index and body's number in it."""
 
 
 @dataclass(frozen=True)
 class Model:
-    """A drive, or a stack of drives, with its chains.
-
-    Bodies are numbered sprockets, shafts, arms.
-    """
+    """A drive, or a stack, with its chains."""
 
     drive: Drive
 
     @cached_property
     def chains(self) -> tuple[ChainModel, ...]:
-        """Chains of the drive in the file's order."""
+        """Models of the drive's chains."""
         return chain_models(self.drive)
 
     @cached_property
     def loaded_chains(self) -> tuple[ChainModel, ...]:
-        """Chains with their sprocket shafts' loads, before a run."""
+        """Models of the drive's chains, sprocket shafts with loads."""
         return chain_models(self.drive, loaded=True)
 
     @property
     def chain(self) -> ChainModel:
-        """The chain of a drive.
+        """Model of the drive's only chain.
 
         Raises:
             DriveError: there are several.
@@ -47,7 +44,7 @@ class Model:
 
     @property
     def driver_speed(self) -> Any:
-        """Top speed of the driver [rad/s]."""
+        """Top speed of the drive's driver [rad/s]."""
         driver = self.drive.driver
         prescribed = self.drive.sprockets[driver].prescribed
         if prescribed is not None:
@@ -70,7 +67,7 @@ class Model:
 
     @property
     def shared_bodies(self) -> list[tuple[ChainBody, ChainBody]]:
-        """Pairs of bodies that are one: the shaft of the home chain, and the sprocket in another."""
+        """Pairs of one body: home chain's shaft, other chain's sprocket."""
         sprockets = {of.name: (r, k) for r, chain in enumerate(self.chains) for k, of in enumerate(chain.sprockets)}
         return [
             ((r, b), sprockets[shaft.name])
@@ -80,12 +77,12 @@ class Model:
         ]
 
     def speed_ratio(self, b: int, other: int) -> float:
-        """Forward speed of a body over another's; 1 where nothing ties them."""
+        """Forward speed of a body over another's; 1 if untied."""
         found, _ = ratios_with_chains(self.drive)
         return abs(float(found.ratio[b] / found.ratio[other])) if found.root[b] == found.root[other] else 1.0
 
     def chain_of_sprocket(self, s: int) -> tuple[ChainModel, int]:
-        """Chain and index of a sprocket of the drive."""
+        """Chain of sprocket s of the drive, and its index there."""
         around = next(chain for chain in self.chains if s in chain.places["sprockets"])
         return around, around.places["sprockets"].index(s)
 
@@ -99,12 +96,12 @@ class Model:
 
 
 def chains_of(of: Drive | ChainModel) -> tuple[ChainModel, ...]:
-    """Chains of a drive; of a chain, itself."""
+    """Models of a drive's chains; of a chain, itself."""
     return (of,) if isinstance(of, ChainModel) else Model(of).chains
 
 
 def single_chain(of: Drive | ChainModel) -> ChainModel:
-    """The chain of a drive, or a chain itself.
+    """Model of a drive's only chain, or a chain itself.
 
     Raises:
         DriveError: there are several.

@@ -1,4 +1,4 @@
-"""Mounts and balance wheels of sprockets: places, velocities, masses, springs, frequencies."""
+"""Mounts and balance wheels of sprockets: places, velocities, masses, springs."""
 
 from __future__ import annotations
 
@@ -17,24 +17,24 @@ if TYPE_CHECKING:
 
 
 def unit_direction(direction: tuple[float, float]) -> NDArray[np.float64]:
-    """Unit vector along a direction (2,)."""
+    """Unit vector (2,) along a mount's direction."""
     return array_of_columns(_unit_components(direction))
 
 
 def _unit_components(direction: tuple[float, float]) -> tuple[Any, Any]:
-    """Components of a direction's unit vector."""
+    """Components of the unit vector along a mount's direction."""
     x, y = direction
     size = hypot(x, y)
     return x / size, y / size
 
 
 def rim_angle(sprocket: Sprocket) -> Any:
-    """Angle of an end's pin on its rim at t = 0 [rad]."""
+    """Start angle of an end's pin on its rim [rad]."""
     return radians(0.0 if sprocket.key is None else sprocket.key)
 
 
 def initial_place(sprocket: Sprocket) -> tuple[Any, Any]:
-    """Coordinates at t = 0 of a sprocket's center, or of an end's pin on a rim [m]."""
+    """Start place of a sprocket's center, or of an end's pin on a rim [m]."""
     (x, y), mount = sprocket.center, sprocket.mount
     if sprocket.rim is not None:
         angle = rim_angle(sprocket)
@@ -46,7 +46,7 @@ def initial_place(sprocket: Sprocket) -> tuple[Any, Any]:
 
 
 def initial_velocity(sprocket: Sprocket, pivot: PlaceTable | None) -> NDArray[np.float64]:
-    """Velocity of a sprocket's center at t = 0 (2,) [m/s]."""
+    """Start velocity of a sprocket's center (2,) [m/s]."""
     mount = sprocket.mount
     if isinstance(mount, ArmMount):
         return start_velocity(pivot)
@@ -60,7 +60,7 @@ def initial_velocity(sprocket: Sprocket, pivot: PlaceTable | None) -> NDArray[np
 
 
 def start_velocity(table: PlaceTable | None) -> NDArray[np.float64]:
-    """Velocity of a table at t = 0 (2,) [m/s]."""
+    """Start velocity of a place table (2,) [m/s]."""
     return np.zeros(2) if table is None else np.array(table.start_velocity)
 
 
@@ -92,12 +92,12 @@ def has_active_mount(sprocket: Sprocket) -> bool:
 
 
 def wheel_mass(sprocket: Sprocket) -> float:
-    """Mass of a balance wheel, not part of its sprocket's [kg]."""
+    """Mass of a sprocket's balance wheel [kg]."""
     return sprocket.balance_wheel.mass if sprocket.balance_wheel is not None else 0.0
 
 
 def wheel_inertia(sprocket: Sprocket) -> float:
-    """Inertia of a balance wheel, m_b r_b^2 [kg m^2]."""
+    """Inertia of a sprocket's balance wheel [kg m^2]."""
     wheel = sprocket.balance_wheel
     return wheel_mass(sprocket) * power(wheel.radius, 2) if wheel is not None else 0.0
 
@@ -108,7 +108,7 @@ def moving_mass(sprocket: Sprocket) -> float:
 
 
 def mount_spring(sprocket: Sprocket) -> tuple[float, float]:
-    """Largest spring [N/m] and damper [N s/m] of a mount."""
+    """Largest stiffness [N/m] and damping [N s/m] of a mount."""
     mount = sprocket.mount
     if isinstance(mount, ElasticMount):
         return maximum(*mount.stiffness), maximum(*mount.damping)
@@ -116,7 +116,7 @@ def mount_spring(sprocket: Sprocket) -> tuple[float, float]:
 
 
 def mount_frequencies(sprocket: Sprocket) -> tuple[float, ...]:
-    """Natural frequencies of a mount without chain [Hz]: along x and y, or along the slider."""
+    """Natural frequencies of a mount without chain [Hz]."""
     mount = sprocket.mount
     stiffness: tuple[float, ...] = mount.stiffness if isinstance(mount, ElasticMount) else ()
     if isinstance(mount, SliderMount):

@@ -14,13 +14,13 @@ if TYPE_CHECKING:
 EXPONENT = 1.4
 """Adiabatic exponent of air [-]."""
 LAMINAR_DROP = 5.0e3
-"""Pressure drop [Pa] below which a valve's flow is linear."""
+"""Pressure drop of linear valve flow [Pa]."""
 BOTTOM = 0.95
-"""Share of a chamber's volume that the plunger can take [-]."""
+"""Share of a chamber's volume for the plunger [-]."""
 
 
 def oil_stiffness(tensioner: Tensioner) -> float:
-    """Stiffness E A^2 / V of a closed oil chamber [N/m]."""
+    """Stiffness of a tensioner's closed oil chamber [N/m]."""
     if not tensioner.hydraulic:
         return 0.0
     oil, chamber = tensioner.oil, tensioner.chamber
@@ -29,7 +29,7 @@ def oil_stiffness(tensioner: Tensioner) -> float:
 
 
 def valve_flow(tensioner: Tensioner, pressure: float) -> float:
-    """Flow through a check valve [m^3/s] at an absolute pressure [Pa]."""
+    """Flow through a tensioner's check valve at an absolute pressure [m^3/s]."""
     oil, valve = tensioner.oil, tensioner.valve
     assert oil is not None and valve is not None
     drop = oil.supply - pressure
@@ -38,7 +38,7 @@ def valve_flow(tensioner: Tensioner, pressure: float) -> float:
 
 
 def outlet_flows(tensioner: Tensioner, pressure: float) -> tuple[float, float]:
-    """Flows out of relief valve and vent [m^3/s] at an absolute pressure [Pa]."""
+    """Flows through a tensioner's relief valve and vent at an absolute pressure [m^3/s]."""
     oil, relief, vent = tensioner.oil, tensioner.relief, tensioner.vent
     assert oil is not None
     drop = pressure - oil.ambient
@@ -60,13 +60,13 @@ def _lifted_area(valve: Valve | Relief, push: float) -> float:
 
 
 def _jet_flow(area: float, drop: float, oil: Oil) -> float:
-    """Forward flow of an oil jet over a pressure drop [m^3/s]."""
+    """Flow of an oil jet over a pressure drop [m^3/s]."""
     limit = max(drop, LAMINAR_DROP)
     return area * math.sqrt(2.0 * limit / oil.density) * drop / limit if drop > 0.0 else 0.0
 
 
 def static_pressure(tensioner: Tensioner) -> Any:
-    """Absolute oil pressure at rest [Pa]; the ambient one in a drained chamber or behind a closed check valve."""
+    """Absolute oil pressure of a tensioner at rest [Pa]."""
     from warpchain.model.stacks import pick_variants, stack_arrays
 
     assert tensioner.oil is not None
@@ -82,7 +82,7 @@ def static_pressure(tensioner: Tensioner) -> Any:
 
 @lru_cache(maxsize=1024)
 def _single_static_pressure(tensioner: Tensioner) -> float:
-    """Oil pressure at rest of one tensioner [Pa], by halving."""
+    """Oil pressure at rest of one tensioner [Pa]."""
     oil = tensioner.oil
     assert oil is not None
     if tensioner.is_drained:
@@ -98,7 +98,7 @@ def _single_static_pressure(tensioner: Tensioner) -> float:
 
 
 def filled_tensioner(tensioner: Tensioner) -> Tensioner:
-    """A tensioner with its chamber full."""
+    """A tensioner with its oil chamber full."""
     if tensioner.chamber is None:
         return tensioner
     return tensioner.model_copy(update={"chamber": tensioner.chamber.model_copy(update={"drained": 0.0})})
@@ -115,7 +115,7 @@ def filling_time(tensioner: Tensioner) -> float:
 
 
 def static_force(tensioner: Tensioner, x: float = 0.0) -> Any:
-    """Force of a tensioner at rest [N] at an extension x [m]: (P - P_0) A + preload - k x, not below 0."""
+    """Force of a tensioner at rest at an extension [N]."""
     push = tensioner.spring_preload - tensioner.spring_stiffness * x
     if tensioner.hydraulic:
         assert tensioner.oil is not None
@@ -124,7 +124,7 @@ def static_force(tensioner: Tensioner, x: float = 0.0) -> Any:
 
 
 def bottom_place(tensioner: Tensioner) -> float:
-    """Extension of a plunger on the chamber's bottom [m]."""
+    """Extension of a plunger on its chamber's bottom [m]."""
     if not tensioner.hydraulic:
         return -math.inf
     assert tensioner.chamber is not None

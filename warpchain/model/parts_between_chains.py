@@ -1,4 +1,4 @@
-"""Sprockets that belong to two chains' models: the one that leads a chain, and a shaft that stands for one."""
+"""Sprockets of two chains' models: as a leader, and as a shaft."""
 
 from __future__ import annotations
 
@@ -8,13 +8,13 @@ from warpchain.drive.sprocket import Load, Prescribed, Sprocket
 
 
 class LedSprocket(Sprocket):
-    """Sprocket that leads a chain without a prescribed one, as another chain turns its shaft.
+    """Sprocket that leads a chain, itself turned by another.
 
-    It counts as prescribed at the speed that the ratios give; in a run its angle is free.
+    It counts as prescribed; in a run its angle is free.
 
     Attributes:
-        driver: motion of the drive's driver at the start.
-        start_ratio: forward speed at the start over the driver's, by the radii at which rollers ride [-].
+        driver: start motion of the drive's driver.
+        start_ratio: forward start speed over the driver's, by riding radii [-].
     """
 
     driver: Prescribed
@@ -22,12 +22,12 @@ class LedSprocket(Sprocket):
 
 
 class SprocketShaft(Shaft):
-    """Shaft in a chain's model that stands for a sprocket of another chain.
+    """Shaft in a chain's model for a sprocket of another chain.
 
     Attributes:
-        shaft: name of the shaft that the sprocket turns with.
-        demand: the sprocket's load with the loads that its chain turns.
-        driven_inertia: inertia that its chain turns, with the chain's own [kg m^2].
+        shaft: name of the sprocket's own.
+        demand: the sprocket's load and those behind its chain.
+        driven_inertia: of its chain and what that turns [kg m^2].
     """
 
     shaft: Name | None = None

@@ -1,4 +1,4 @@
-"""Power for which standards rate a chain, by size, teeth and speed, with lubrication and elongation limits."""
+"""Power ratings of chains by standards, with lubrication and elongation limits."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from warpchain.drive.catalogue import CHAINS, SERIES_A_STRENGTH
 from warpchain.drive.stack_math import minimum, power
 
 HORSEPOWER, INCH, FOOT_A_MINUTE = 745.6998715822702, 0.0254, 0.00508
-"""Horsepower [W], inch [m] and foot a minute [m/s]."""
+"""Imperial units [W], [m], [m/s]."""
 STRAND_FACTORS = {1: 1.0, 2: 1.7, 3: 2.5}
 """Rated power over one strand's [-]."""
 SERVICE_FACTORS = {
@@ -19,11 +19,11 @@ SERVICE_FACTORS = {
 }
 """Service factors of power by load and driver (Tsubaki, Table 4.2)."""
 RATED_HOURS = 15_000.0
-"""Rated life [h] up to the elongation limit."""
+"""Rated life up to the elongation limit [h]."""
 LEFT_OUT = "acceleration, shocks beyond a service factor, vibration, guides and more than two sprockets"
-"""Effects that ratings leave out."""
+"""Effects that power ratings leave out."""
 WEAR_COEFFICIENT = 2e-16
-"""Wear coefficient of oiled pin and bush [m^2/N], of ISO 10823's ratings."""
+"""Wear coefficient of oiled pin and bush, of ISO 10823's ratings [m^2/N]."""
 LUBRICATION = {"A": "by hand or drop by drop", "B": "oil bath or disc", "C": "stream of oil under pressure"}
 """Lubrication classes of ASME B29.1."""
 _LUBRICATED_TO = """
@@ -35,12 +35,7 @@ B      3500   2800  2300   2000  1800  1500  1300  1200  1100  1000   950   900 
 
 
 class SizeRating(NamedTuple):
-    """Power rating coefficients of a chain size.
-
-    Attributes:
-        plates: K_s of (a).
-        rollers: K_r of (b).
-    """
+    """Power rating coefficients of a chain size: K_s of plates, K_r of rollers."""
 
     plates: float
     rollers: float
@@ -48,7 +43,7 @@ class SizeRating(NamedTuple):
 
 
 def size_rating(size: str | None) -> SizeRating | None:
-    """Rating coefficients of a chain size; None without a rating, as of silent chains."""
+    """Power rating coefficients of a chain size, or None."""
     name = "" if size is None else size.partition("-")[0]
     if name not in CHAINS or size is None:
         return None
@@ -84,11 +79,10 @@ class RatedPower(NamedTuple):
 
 
 def rated_power(size: str, teeth: int, speed: Any) -> RatedPower:
-    """Rated power of a chain size, (a) and (b) [W].
+    """Rated power of a chain size [W].
 
     Args:
-        teeth: of the smaller sprocket.
-        speed: of that sprocket [rad/s].
+        teeth, speed: of the smaller sprocket [-], [rad/s].
     """
     rating, pitch, rpm = size_rating(size), CHAINS[size].pitch / INCH, speed * (30.0 / math.pi)
     assert rating is not None
@@ -98,7 +92,7 @@ def rated_power(size: str, teeth: int, speed: Any) -> RatedPower:
 
 
 def lubrication_limits(pitch: float) -> tuple[float, float]:
-    """Highest chain speeds [m/s] of lubrication A and B."""
+    """Highest chain speeds of lubrication A and B [m/s]."""
     import numpy as np
 
     rows = [[math.log(float(cell)) for cell in line.split()[1:]] for line in _LUBRICATED_TO.split("\n")[1:-1]]
@@ -107,11 +101,11 @@ def lubrication_limits(pitch: float) -> tuple[float, float]:
 
 
 def lubrication_class(pitch: float, speed: float) -> str:
-    """Lubrication class for a chain's pitch [m] and speed [m/s]."""
+    """Lubrication class of a chain by pitch and speed."""
     slow, fast = lubrication_limits(pitch)
     return "A" if speed <= slow else "B" if speed <= fast else "C"
 
 
 def elongation_limit(teeth: int) -> float:
-    """Elongation limit of a chain [-]: 3 %, and 200 % over teeth above 67."""
+    """Elongation limit of a chain [-]: 3 %, less above 67 teeth."""
     return 0.03 if teeth <= 67 else 2.0 / teeth

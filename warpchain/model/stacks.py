@@ -1,7 +1,6 @@
-"""Stacks: drives alike as one drive whose numbers are arrays over its variants.
+"""Stacks: drives alike as one whose numbers are arrays over its variants.
 
-Drives are alike with the same parts, names, whole numbers, given values and zeros. Bent faces, and arms' pivots, must
-be the same.
+Alike are parts, names, whole numbers, given values and zeros, bent faces, and arms' pivots.
 """
 
 from __future__ import annotations
@@ -37,25 +36,24 @@ _FACE_NUMBERS |= {(kind, name) for kind in (Chain, NamedChain) for name in ("pit
 """The numbers that guides' faces depend on, by class and key."""
 
 _LIFT_NUMBERS = {(LiftProfile, "rise"), (LiftProfile, "dwell"), (LiftProfile, "fall"), (Valves, "phases")}
-"""Numbers of valve lifts that must be the same in a stack."""
+"""Numbers of valve lifts equal in a stack."""
 
 _FREE_PARTS = {WornLink}
-"""Parts whose numbers may be 0 in some variants of a stack."""
+"""Parts whose numbers may be 0 in some variants."""
 
 _UNSTACKED_SETTINGS = {"seating", "perturbation", "temperature", "expansion", "places"}
-"""Settings that may differ in a stack, as other numbers contain their effect."""
+"""Settings that may differ in a stack, their effect in other numbers."""
 
 LARGEST_STACK = 4096
-"""Most variants of a stack."""
 
 
 @dataclass(frozen=True)
 class Stack(Generic[Of]):
-    """Drives, or chain models, that are alike, as one.
+    """Drives, or chain models, alike, as one.
 
     Attributes:
         members: (V,) numbers of the variants, ascending.
-        one: the drive of the stack.
+        one: all of them.
     """
 
     members: NDArray[np.int64]
@@ -63,7 +61,7 @@ class Stack(Generic[Of]):
 
 
 def stacks_of_drives(drives: Sequence[Of], largest: int = LARGEST_STACK) -> list[Stack[Of]]:
-    """Stacks of at most `largest` of drives or chain models, by first members."""
+    """Stacks of drives or chain models, by first members."""
     bent = np.array(_bent_drives(drives), dtype=bool)
     counts = np.array([len(getattr(drive, "chains", ())) for drive in drives])
     ways = ((faces, count) for faces in (False, True) for count in np.unique(counts))
@@ -74,7 +72,7 @@ def stacks_of_drives(drives: Sequence[Of], largest: int = LARGEST_STACK) -> list
 
 
 def split_stack(stack: Stack[Of], largest: int = LARGEST_STACK) -> Iterator[Stack[Of]]:
-    """Parts of a stack of at most `largest` variants; a smaller one is itself."""
+    """Parts of a stack, of at most `largest` variants."""
     count = len(stack.members)
     for part in (slice(begin, begin + largest) for begin in range(0, count, largest)):
         yield stack if count <= largest else Stack(stack.members[part], pick_variants(stack.one, part))
@@ -125,13 +123,13 @@ def _bent_drives(drives: Sequence[Drive | ChainModel]) -> list[bool]:
 
 
 class _ColumnStacker:
-    """Stacks parts or values of drives, column by column.
+    """Stacker of parts or values of drives, column by column.
 
     Args:
         faces: whether guides' faces must be the same.
 
     Attributes:
-        kinds: columns that differ; empty for drives that are alike.
+        kinds: columns that differ.
     """
 
     def __init__(self, faces: bool) -> None:
@@ -139,7 +137,7 @@ class _ColumnStacker:
         self.kinds: list[Sequence[Hashable]] = []
 
     def stack_column(self, values: Sequence[Any]) -> Any:
-        """Values of several drives as one, numbers as arrays."""
+        """Values of several drives as one, differing numbers as arrays."""
         first = values[0]
         if isinstance(first, Part | ChainModel | tuple):
             if first is values[-1] and len(set(map(id, values))) == 1:
@@ -166,7 +164,7 @@ class _ColumnStacker:
         return _changed_copy(first, changed)
 
     def _stack_fields(self, first: Part | ChainModel, fields: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
-        """Stacked fields of parts where they differ from the first's."""
+        """Stacked fields of parts that differ from the first's."""
         exact, columns, kind = self.exact, {}, type(first)
         names = [name for name in fields[0] if name not in _UNSTACKED_SETTINGS]
         rows = map(itemgetter(*names), fields)  # all at once, which takes half the time of name by name
@@ -177,7 +175,7 @@ class _ColumnStacker:
         return {name: value for name, value in columns.items() if value is not first.__dict__[name]}
 
     def _stack_numbers(self, values: Sequence[float]) -> float | NDArray[np.float64]:
-        """Equal numbers as one, others as an array (V,)."""
+        """Stacked numbers: one if equal, else an array (V,)."""
         column = np.array(values)
         bits = column.view(np.int64)
         if (bits == bits[0]).all():
@@ -188,12 +186,12 @@ class _ColumnStacker:
         return column
 
     def _note_difference(self, kinds: Sequence[Hashable]) -> None:
-        """Notes by what variants (V,) differ in kind."""
+        """Notes by what a stack's variants (V,) differ."""
         self.kinds.append(kinds)
 
 
 def _stack_free_parts(values: Sequence[tuple[Part, ...]]) -> tuple[Part, ...]:
-    """Free parts of a stack, with all numbers arrays or none."""
+    """Stacked free parts, with all numbers arrays or none."""
     first, fields = values[0], [part.__dict__ for parts in values for part in parts]
     tables = {}
     for name in fields[0]:
@@ -207,7 +205,7 @@ def _stack_free_parts(values: Sequence[tuple[Part, ...]]) -> tuple[Part, ...]:
 
 
 def _kind_key(value: Any) -> Hashable:
-    """Hashable key of a value's kind."""
+    """Hashable key of a stacked value's kind."""
     if isinstance(value, _WHOLE_TABLES):
         return id(value)  # long ones are slow to compare
     if isinstance(value, Ratios):
@@ -218,17 +216,13 @@ def _kind_key(value: Any) -> Hashable:
 
 
 def stack_of_values(values: Sequence[StackedValue]) -> StackedValue:
-    """Drives or parts that are alike as one, differing numbers as arrays (V,)."""
+    """Stack of drives or parts alike, unequal numbers as arrays (V,)."""
     found: StackedValue = _ColumnStacker(faces=False).stack_column(values)
     return found
 
 
 def pick_variants(value: StackedValue, places: Any) -> StackedValue:
-    """Some variants of a stack, or of a part of one; a single one has plain numbers.
-
-    Args:
-        places: index of arrays (V,).
-    """
+    """Chosen variants of a stack or its part, by index; a single one is plain."""
     if isinstance(value, np.ndarray):
         found = value[places]
         return found if found.size > 1 else found.item()
@@ -245,17 +239,17 @@ def pick_variants(value: StackedValue, places: Any) -> StackedValue:
 
 
 def _changed_copy(value: Any, changed: Mapping[str, Any]) -> Any:
-    """A part or model with changed values; the same object without any."""
+    """Changed copy of a stacked part or model, itself without changes."""
     if not changed:
         return value
     return replace(value, **changed) if isinstance(value, ChainModel) else value.model_copy(update=changed)
 
 
 def variants_of_either(chosen: NDArray[np.bool_], one: Any, other: Any) -> Any:
-    """Stack of the variants for which `chosen` (V,) is true of one stack, and the others of another.
+    """Stack of one stack's variants where `chosen` (V,), else another's.
 
     Raises:
-        UnlikeVariants: the stacks differ in more than numbers.
+        UnlikeVariants: they differ in more than numbers.
     """
     if has_arrays(one, other):
         rows = np.shape(other) if np.ndim(other) else np.shape(one)
@@ -271,7 +265,7 @@ def variants_of_either(chosen: NDArray[np.bool_], one: Any, other: Any) -> Any:
 
 
 def _tuple_if_changed(old: tuple[Any, ...], new: tuple[Any, ...]) -> tuple[Any, ...]:
-    """The new tuple, or the old one where all items are the same objects."""
+    """The new tuple of stacked items, or the old equal one."""
     return old if all(a is b for a, b in zip(old, new, strict=True)) else new
 
 
@@ -290,7 +284,7 @@ def variant_count(drive: Drive | ChainModel) -> int:
 
 
 def stack_arrays(value: Any) -> Iterator[NDArray[np.float64]]:
-    """All arrays of a stack or of its parts."""
+    """Arrays of a stack or of its parts."""
     if isinstance(value, np.ndarray):
         yield value
     elif isinstance(value, tuple):
@@ -301,15 +295,11 @@ def stack_arrays(value: Any) -> Iterator[NDArray[np.float64]]:
 
 
 def first_refused_variant(stack: Stack[Of], attempt: Callable[[Of], object]) -> tuple[int, DriveError]:
-    """First refused variant of a stack, and its error, by halving.
-
-    Args:
-        attempt: raises a DriveError where any variant is refused.
-    """
+    """First variant of a stack that `attempt` refuses, and its DriveError."""
     begin, end = 0, len(stack.members)
 
     def refusal(end: int) -> DriveError | None:
-        """Error of the variants from `begin` to `end`; None where they pass."""
+        """Error of the variants from `begin` to `end`, or None."""
         try:
             attempt(pick_variants(stack.one, slice(begin, end)))
         except DriveError as error:
@@ -325,11 +315,10 @@ def first_refused_variant(stack: Stack[Of], attempt: Callable[[Of], object]) -> 
 
 
 def first_refusal(refused: Sequence[tuple[int, DriveError]], numbers: NDArray[np.int64] | None = None) -> DriveError:
-    """Error of the first refused variant, which it names.
+    """Error of a stack's first refused variant, which it names.
 
     Args:
-        refused: variants and errors.
-        numbers: names of all variants; None counts from 0.
+        numbers: of all variants; None counts from 0.
     """
     v, error = min(refused, key=lambda pair: pair[0])
     return DriveError(f"variant {v if numbers is None else int(numbers[v])}: {error}")

@@ -27,16 +27,13 @@ def start_phase_angle(model: Any, name: str) -> Any:
 
 
 def motion_from_start_phase(model: Any, turned: Sprocket | Shaft, motion: TurningMotion) -> TurningMotion:
-    """Motion, load or motor of a sprocket or shaft from its start by `run.phase`.
-
-    Harmonics of order h gain the phase h 2 pi phase / z, and tables over angle move back.
-    """
+    """Motion, load or motor of a body, its harmonics and tables as `run.phase` starts it."""
     phase = model.run.phase
     if phase is None or not is_true_somewhere(phase):
         return motion
 
     def angle(part: Harmonic | Table) -> Any:
-        """Angle that the start gives what is stated over a shaft's turns [rad]."""
+        """Start angle that counts for a harmonic or table [rad]."""
         return start_phase_angle(model, turned.name if part.shaft is None else part.shaft)
 
     changes: dict[str, Any] = {}

@@ -1,4 +1,4 @@
-"""Driver's speed at the start and in balance, of a lumped drive."""
+"""Driver's speed at the start and in balance."""
 
 from __future__ import annotations
 
@@ -13,19 +13,19 @@ from warpchain.model.trains import body_speed_ratio, free_body_loads, inertia_of
 BALANCE_HALVINGS = 60
 """Halvings of the interval in which moments balance."""
 RUN_UP_ROUNDS = 6
-"""Refinements of steps for a run before balance."""
+"""Refinements of a run-up's steps."""
 SPEED_STEPS = 256
-"""Steps between two speeds at which moments are compared."""
+"""Steps between two speeds for moments."""
 
 
 @dataclass(frozen=True)
 class LumpedDrive:
-    """A drive lumped into its driving sprocket, of a stack (V,).
+    """A drive lumped into its driving sprocket, () or (V,).
 
     Attributes:
         start: start speed [rad/s].
         inertia: with the chain's [kg m^2].
-        motors, loads: with their speed ratios.
+        motors, loads: with speed ratios.
     """
 
     start: Any
@@ -34,17 +34,17 @@ class LumpedDrive:
     loads: list[tuple[float, Any]]
 
     def net_moment(self, speed: Any) -> Any:
-        """Moment of motors, in the mean, less that of loads at a speed [N m]."""
+        """Mean moment of a lumped drive's motors less loads' [N m]."""
         return sum(r * motor.at(r * speed) for r, motor in self.motors) - self._load_moment(speed)
 
     def net_moment_bounds(self, speed: Any) -> tuple[Any, Any]:
-        """Least and largest net moment at a speed [N m]."""
+        """Least and largest net moment of a lumped drive [N m]."""
         bounds = [[r * of for of in motor.bounds(r * speed)] for r, motor in self.motors]
         asked = self._load_moment(speed)
         return sum(low for low, _ in bounds) - asked, sum(high for _, high in bounds) - asked
 
     def _load_moment(self, speed: Any) -> Any:
-        """Moment of the loads at a speed [N m]."""
+        """Moment of a lumped drive's loads [N m]."""
         # 0 of as many as there are speeds, where nothing loads
         return 0.0 * speed + sum(r * load.steady_moment(r * speed) for r, load in self.loads)
 
@@ -66,7 +66,7 @@ def lumped_drive(model: Any) -> LumpedDrive:
 
 
 def _driver_start_speed(model: Any, driver: int) -> Any:
-    """Start speed of the driving sprocket [rad/s], by its train, else chain, else couplings."""
+    """Start speed of the driving sprocket, by ties [rad/s]."""
     models = driving_body(model)
     around = [models, *train_of_body(model, models).bodies, *train_of_body(model, driver).bodies]
     around += [b for s in range(len(model.sprockets)) for b in train_of_body(model, s).bodies]
@@ -79,9 +79,9 @@ def _driver_start_speed(model: Any, driver: int) -> Any:
 
 
 def driver_top_speed(model: Any) -> Any:
-    """Top forward speed of the driving sprocket [rad/s], of a stack (V,).
+    """Top forward speed of the driving sprocket, () or (V,) [rad/s].
 
-    With a motor where moments first balance within the run; without motion the start speed.
+    With a motor where moments first balance within the run.
     """
     b = driving_body(model)
     part = part_of_body(model, b)
@@ -107,7 +107,7 @@ def driver_top_speed(model: Any) -> Any:
 
 
 def _balanced_speed(one: LumpedDrive, low: Any, high: Any) -> Any:
-    """Speed at which moments balance [rad/s], else the higher."""
+    """Speed at which moments balance, else the higher [rad/s]."""
     for _ in range(BALANCE_HALVINGS):
         middle = 0.5 * (low + high)
         above = one.net_moment(middle) > 0.0
@@ -135,14 +135,14 @@ def _speed_within_time(one: LumpedDrive, low: Any, high: Any, duration: Any) -> 
 
 
 def _values_at_rows(rows: Any, at: Any) -> Any:
-    """Values of a table (N,) at a row, or of a table (N, V) at a row of each column (V,)."""
+    """Values of a run-up's table at a row of each column."""
     import numpy as np
 
     return rows[at] if rows.ndim == 1 else rows[at, np.arange(rows.shape[1])]
 
 
 def speed_steps(low: Any, high: Any) -> Any:
-    """Speeds in equal steps (SPEED_STEPS + 1,) or (SPEED_STEPS + 1, V)."""
+    """Speeds in equal steps (SPEED_STEPS + 1, ...)."""
     import numpy as np
 
     return np.linspace(low, high, SPEED_STEPS + 1)

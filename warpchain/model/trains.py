@@ -1,7 +1,6 @@
-"""Trains: sprockets and shafts that shafts, gears and couplings tie.
+"""Trains: sprockets and shafts, numbered so, that shafts, gears and couplings tie.
 
-Bodies are numbered sprockets, then shafts. A train is one coordinate; body b has rho_b times the speed and the inertia
-sum rho^2 J / rho_b^2.
+Body b has rho_b times the train's speed, and the inertia sum rho^2 J / rho_b^2.
 """
 
 from __future__ import annotations
@@ -24,7 +23,7 @@ from warpchain.model.mounts import wheel_inertia
 from warpchain.model.parts_between_chains import LedSprocket
 
 GEAR_PRESSURE_ANGLE = 20.0
-"""Pressure angle of gears' teeth [degrees]."""
+"""Pressure angle of gear teeth [degrees]."""
 
 
 class Train(NamedTuple):
@@ -35,12 +34,12 @@ class Train(NamedTuple):
 
 
 def has_trains(drive: Any) -> bool:
-    """Whether a drive, or a model of its chain, has shafts, gears or couplings."""
+    """Whether a drive or chain has shafts, gears or couplings."""
     return bool(drive.shafts or drive.gears or drive.couplings)
 
 
 def train_of_body(drive: Any, b: int) -> Train:
-    """Train of a body, itself with ratio 1."""
+    """Train of body b, itself at ratio 1."""
     if not has_trains(drive):
         return Train((b,), (1.0,))
     tied = rigid_ratios(drive)
@@ -49,26 +48,26 @@ def train_of_body(drive: Any, b: int) -> Train:
 
 
 def inertia_of_body(drive: Any, b: int) -> Any:
-    """Inertia of a body alone with balance wheel [kg m^2]."""
+    """Inertia of body b alone [kg m^2]."""
     part = part_of_body(drive, b)
     inertia = 0.0 if part.inertia is None else part.inertia
     return inertia + wheel_inertia(part) if b < len(drive.sprockets) else inertia
 
 
 def inertia_behind_body(drive: Any, b: int) -> Any:
-    """Inertia of a body with the chains that it turns [kg m^2]."""
+    """Inertia of body b with chains that it turns [kg m^2]."""
     return inertia_of_body(drive, b) + getattr(part_of_body(drive, b), "driven_inertia", 0.0)
 
 
 def train_inertia(drive: Any, b: int) -> Any:
-    """Inertia of a body's whole train as the body sees it, sum rho^2 J / rho_b^2 [kg m^2]."""
+    """Inertia of body b's train at body b [kg m^2]."""
     train = train_of_body(drive, b)
     parts = [r * r * inertia_of_body(drive, other) for other, r in zip(*train, strict=True)]
     return sum(parts[1:], parts[0])
 
 
 def prescribed_leader(drive: Any, b: int) -> tuple[int, float] | None:
-    """Prescribed body of the train of body b, and b's speed over that body's; None where b is free."""
+    """Number of the prescribed body in body b's train, and b's speed over its; or None."""
     for other, ratio in zip(*train_of_body(drive, b), strict=True):
         part = part_of_body(drive, other)
         if part.prescribed is not None and not isinstance(part, LedSprocket):
@@ -77,12 +76,12 @@ def prescribed_leader(drive: Any, b: int) -> tuple[int, float] | None:
 
 
 def is_free_body(drive: Any, s: int) -> bool:
-    """Whether nothing prescribes a body's angle."""
+    """Whether nothing prescribes body b's angle."""
     return prescribed_leader(drive, s) is None
 
 
 def turns_per_roller(drive: Any) -> list[float]:
-    """Counter-clockwise revolutions of each body a roller."""
+    """Counter-clockwise revolutions of each body a roller of the chain."""
     found, _ = ratios_with_chains(drive)
     chain = found.ratio[-1]
     of_chain = found.root[-1]
@@ -90,14 +89,14 @@ def turns_per_roller(drive: Any) -> list[float]:
 
 
 def body_turning_sign(drive: Any, b: int) -> int:
-    """+1 where a body's forward rotation is counter-clockwise, else -1."""
+    """+1 where body b turns forward counter-clockwise, else -1."""
     if b < len(drive.sprockets):
         return drive.sprockets[b].sign
     return 1 if turns_per_roller(drive)[b] > 0.0 else -1
 
 
 def body_speed_ratio(drive: Any, b: int, other: int) -> float:
-    """Forward speed of a body over another's, by chain and ties."""
+    """Forward speed of body b over another's, by chain and ties."""
     count = len(drive.sprockets)
     if b < count and other < count:
         return drive.sprockets[other].teeth / drive.sprockets[b].teeth
@@ -106,7 +105,7 @@ def body_speed_ratio(drive: Any, b: int, other: int) -> float:
 
 
 def bodies_beyond_gear(drive: Any, g: int) -> list[int]:
-    """Bodies that only a gear pair ties to its first shaft; none in loops."""
+    """Bodies that only gear pair g ties to its first shaft."""
     edges, mine, tied = [], None, TiedRatios(len(body_names(drive)))
     for tie in body_ties(drive):
         if tie.kind != "couplings" and tied.root[tie.a] != tied.root[tie.b]:
@@ -132,7 +131,7 @@ def free_body_loads(drive: Any) -> Iterator[tuple[int, Load]]:
 
 
 def is_held_body(drive: Any, b: int) -> bool:
-    """Whether a body is prescribed, or in the driving train."""
+    """Whether body b is prescribed, or in the driving train."""
     driving = driving_body(drive)
     held = drive.driver if nearest_sprocket(drive, driving) is None else driving
     return not is_free_body(drive, b) or held in train_of_body(drive, b).bodies
@@ -145,11 +144,11 @@ def coupled_bodies(drive: Any, coupling: Any) -> tuple[int, int]:
 
 
 def coupling_rest_angle(drive: Any, c: int, ratio: Any, laid: Any) -> tuple[int, int, Any]:
-    """Bodies of a coupling, -1 the ground, and the relaxed angle between them [rad].
+    """Bodies of coupling c, -1 the ground, and its relaxed angle [rad].
 
     Args:
         ratio: factor of the second body's angle.
-        laid: (..., S) angles of the sprockets [rad].
+        laid: (..., S) sprocket angles [rad].
     """
     first, second = coupled_bodies(drive, drive.couplings[c])
     rest = 0.0
