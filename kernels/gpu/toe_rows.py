@@ -34,7 +34,7 @@ def toe_row_functions(kind: BlockKind) -> ToeRowFunctions:
     Real, threads, rollers_per_thread = kind.Real, kind.shape.threads, kind.shape.rollers_per_thread
     kinds, Now = kind.types, kind.types.Now
     State, Shared, vec2 = kinds.State, kinds.Shared, kinds.vec2
-    row, slots = force_rows(kind), kind.shape.slots
+    row, slots, sprockets = force_rows(kind), kind.shape.slots, kind.parts.sprockets
     contacts = contact_functions(kind)
     contact_sums = contact_sum_functions(kind)
     chains = chain_functions(kind)
@@ -78,7 +78,7 @@ def toe_row_functions(kind: BlockKind) -> ToeRowFunctions:
         found, least = int(0), Real(1.0e30)
         position = rollers.position(shared.rows, j)
         s = int(0)
-        while s < wp.static(kind.parts.sprockets):
+        while s < sprockets:
             from_center = position - shared.bands[s].center
             away = products(from_center[0], from_center[0], from_center[1], from_center[1]) - shared.bands[s].far_square
             if away < least and chains.partners_of_chain(shared, j, 1 << s) != 0:
