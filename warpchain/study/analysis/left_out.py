@@ -1,11 +1,11 @@
 """Rows that an analysis leaves out, and parts of the factors' ranges that are lost with them.
 
-Factors are not ranked if more than `MOST_LEFT_OUT` of the rows that ran are left out, or if the loss goes along with a
-factor or the metric by the statistic of Kolmogorov and Smirnov,
+Factors are not ranked if more than `MOST_LEFT_OUT` of the rows that ran are left out, or if the loss depends on a
+factor or the metric, by
 
-    D = max |F_out(x) - F_in(x)|,                                                                             (a)
+    D = max |F_out(x) - F_in(x)|                                                                              (a)
 
-for words by chi-square; chances are multiplied by the number of tests.
+(Kolmogorov, Smirnov) or chi-square for words; chances are multiplied by the number of tests.
 """
 
 from __future__ import annotations
@@ -22,9 +22,8 @@ from warpchain.study.analysis.pure_error import CONFIDENCE
 from warpchain.study.results import Array, Results
 
 MOST_LEFT_OUT = 0.05
-"""Most rows left out, as a share, for ranking."""
+"""Share of rows left out from which factors are unranked."""
 MOST_EXACT_PAIRS = 250_000
-"""Most pairs of rows for an exact chance of (a)."""
 
 
 @dataclass(frozen=True)
@@ -41,7 +40,7 @@ class LostPart:
 
     @property
     def is_sure(self) -> bool:
-        """Whether loss of rows depends on the factor, surely."""
+        """Whether lost rows surely depend on the factor."""
         return self.chance < 1.0 - CONFIDENCE
 
     def __str__(self) -> str:
@@ -51,32 +50,32 @@ class LostPart:
 
 @dataclass(frozen=True)
 class LeftOut:
-    """Rows that an analysis leaves out, and lost ranges."""
+    """Rows left out of an analysis, and ranges lost with them."""
 
     results: Results
 
     @cached_property
     def left_out_rows(self) -> NDArray[np.bool_]:
-        """(R,) whether rows are left out by their results."""
+        """(R,) whether each row ran and is left out."""
         return np.isin(self.results.status, (SUSPECT, DIVERGED))
 
     @cached_property
     def unbuilt_rows(self) -> NDArray[np.bool_]:
-        """(R,) whether each row has no drive."""
+        """(R,) whether each row has no drive to run."""
         return ~(self.results.ok | self.left_out_rows)
 
     @cached_property
     def lost_parts(self) -> list[LostPart]:
-        """Parts of factors' ranges lost by rows' results."""
+        """Ranges of factors lost with left-out rows, surest first."""
         return _lost_parts(self.results, self.left_out_rows, self.results.ok)
 
     @cached_property
     def unbuilt_parts(self) -> list[LostPart]:
-        """Parts of factors' ranges without drives, the surest first."""
+        """Ranges of factors lost with unbuilt rows, surest first."""
         return _lost_parts(self.results, self.unbuilt_rows, ~self.unbuilt_rows)
 
     def is_unranked(self, metric: str) -> bool:
-        """Whether a metric ranks no factor, as the rows left out would bias the ranks."""
+        """Whether rows left out would bias a metric's ranking of factors."""
         lost, kept = self.left_out_rows, self.results.ok
         if not lost.any() or not kept.any():
             return False
@@ -102,7 +101,7 @@ class LeftOut:
         return found
 
     def rest_text(self) -> str:
-        """Sentence on the rows that statistics of metrics cover."""
+        """Sentence on the number of rows not left out."""
         return f"Statistics of metrics cover only the {int(self.results.ok.sum())} variants that are left"
 
     def _reasons_of_rows(self, rows: NDArray[np.bool_]) -> list[tuple[str, str, int]]:
@@ -118,7 +117,7 @@ def _lost_parts_text(parts: list[LostPart]) -> str:
 
 
 def _lost_parts(results: Results, lost: NDArray[np.bool_], others: NDArray[np.bool_]) -> list[LostPart]:
-    """Part of each factor's range that lost most rows."""
+    """Part of each factor's range that lost most rows, surest first."""
     if not lost.any():
         return []
     words = [
@@ -164,13 +163,13 @@ def _lost_word(results: Results, name: str, lost: NDArray[np.bool_], others: NDA
 
 
 def _lost_part(name: str, part: str, within: list[int], totals: list[int], chance: float) -> LostPart:
-    """Lost part of a range from counts of rows."""
+    """Lost part of a factor's range from counts of rows."""
     rest = [total - inside for total, inside in zip(totals, within, strict=True)]
     return LostPart(name, part, within[0], sum(within), rest[0], sum(rest), chance)
 
 
 def _distribution_chance(out: Array, rest: Array) -> float:
-    """Probability that two samples of one distribution differ so."""
+    """Chance that rows left out and kept differ so, (a)."""
     from scipy.stats import ks_2samp
 
     if not len(out) or not len(rest):

@@ -126,7 +126,7 @@ def _factor_panel(results: Results, name: str, rounds: np.ndarray, chosen: np.nd
 
 
 def _dots_series(x: np.ndarray, y: list[float | None], color: str, label: str) -> dict[str, Any]:
-    """Series of dots of a panel, larger if marked."""
+    """Series of a search's dots in a panel."""
     size = 3.4 if color == MARK else 2.2
     return {"kind": "points", "x": x.tolist(), "y": y, "color": color, "size": size} | (
         {"label": label} if label else {}
