@@ -28,7 +28,7 @@ Row = dict[str, float]
 
 
 def engagement_impulses(trajectory: Trajectory, s: int, start: float = 0.0) -> NDArray[np.float64]:
-    """Impulses (P,) [N s] of rollers' engagement, (b).
+    """Impulses (P,) [N s] of rollers engaging a sprocket, (b).
 
     Args:
         start: time from which touches count [s].
@@ -57,7 +57,7 @@ def engagement_impulses(trajectory: Trajectory, s: int, start: float = 0.0) -> N
 
 
 def trajectory_objectives(trajectory: Trajectory, start: float, end: float, woehler: Woehler | None = None) -> Row:
-    """Objectives of a recorded window [s] by name.
+    """Objectives of a recorded window [s], by name.
 
     Args:
         woehler: curve of a link; None leaves fatigue out.
@@ -75,7 +75,7 @@ def trajectory_objectives(trajectory: Trajectory, start: float, end: float, woeh
 
 
 def _chain_objectives(trajectory: Trajectory, start: float, end: float, woehler: Woehler | None) -> Row:
-    """Objectives of one chain's recording by name."""
+    """Objectives of one chain's recording, by name."""
     inside = (trajectory.time >= start - 1e-12) & (trajectory.time <= end + 1e-12)
     if inside.sum() < 3:
         raise SimulationError(f"objectives: {int(inside.sum())} frames from {start:g} to {end:g} s, at least 3 needed")
@@ -99,7 +99,7 @@ def _chain_objectives(trajectory: Trajectory, start: float, end: float, woehler:
 
 
 def _fatigue_objectives(part: Trajectory, woehler: Woehler) -> Row:
-    """Objectives of links' fatigue by name."""
+    """Objectives of links' fatigue, by name."""
     (tension,) = require_channels(part, "tension")
     seconds = float(part.time[-1] - part.time[0])
     cycles = count_links(tension)
@@ -119,7 +119,7 @@ def _fatigue_objectives(part: Trajectory, woehler: Woehler) -> Row:
 
 
 def add_objectives(run: Run, woehler: Woehler | None = None) -> pa.Table:
-    """Metrics table of a run, with recorded objectives.
+    """Metrics table of a run, with recorded variants' objectives.
 
     Args:
         woehler: curve of a link; None leaves fatigue out.

@@ -15,19 +15,19 @@ from warpchain.model import ChainModel
 Array = NDArray[np.float64]
 
 CROTCH_GAP = 0.022
-"""Gap between a tooth and the crotch of a drawn plate over the pitch."""
+"""Gap of a drawn plate's crotch, in pitches."""
 
 
 def _arc(center: Any, radii: Any, begin: float, end: float, points: int) -> Array:
-    """Points (P, 2) of an ellipse's arc between two angles [rad]."""
+    """Points (P, 2) on an ellipse between two angles [rad]."""
     angle = np.linspace(begin, end, points)
     return np.asarray(center) + np.multiply(radii, np.stack([np.cos(angle), np.sin(angle)], axis=1))
 
 
 def plate_outline(plate: Plate, arc_points: int = 5) -> Array:
-    """Closed outline (P, 2) [m] of a plate in its link's frame: origin in the link's middle, y to the wheel.
+    """Closed outline (P, 2) [m] of a silent chain's plate.
 
-    Back and toes are the plate's own. Shoulders are quarters of an ellipse, and the crotch leaves a gap to any tooth.
+    Its origin is the link's middle, y to the wheel. Back and toes are the plate's own.
     """
     radius, half = plate.tip_radius, 0.5 * plate.pitch
     begin, tip = (np.array(plate.flank_end(number)) for number in (0, 1))
@@ -44,7 +44,7 @@ def plate_outline(plate: Plate, arc_points: int = 5) -> Array:
 
 
 def wheel_outline(plate: Plate, teeth: int, pitch: float, arc_points: int = 5) -> Array:
-    """Closed outline (P, 2) [m] of a wheel's teeth, straight from root to tip; a gap's middle is on the x axis."""
+    """Closed outline (P, 2) [m] of a silent chain's wheel."""
     gamma, step = gap_angle(plate, teeth), math.pi / teeth
     radius, sine, cosine = 0.5 * pitch / math.sin(step), math.sin(gamma), math.cos(gamma)
     across = radius * sine - plate.flank_distance
@@ -60,7 +60,7 @@ def wheel_outline(plate: Plate, teeth: int, pitch: float, arc_points: int = 5) -
 
 
 def plate_outlines(model: ChainModel, position: NDArray[np.floating], arc_points: int = 5) -> Array:
-    """Outlines (..., N, P, 2) [m] of the plates between pins (..., N, 2) of a loop."""
+    """Outlines (..., N, P, 2) [m] of plates between pins (..., N, 2)."""
     ahead = np.roll(position, -1, axis=-2)
     way = ahead - position
     along = (way / np.hypot(way[..., 0], way[..., 1])[..., None])[..., None, :]
@@ -70,10 +70,10 @@ def plate_outlines(model: ChainModel, position: NDArray[np.floating], arc_points
 
 
 def pin_radius(model: ChainModel) -> float:
-    """Radius of drawn pins [m]."""
+    """Radius [m] of a silent chain's drawn pins."""
     return model.chain.pin_radius or PIN_RADIUS * model.chain.pitch
 
 
 def pin_outlines(model: ChainModel, position: NDArray[np.floating], points: int = 12) -> Array:
-    """Outlines (N, P, 2) [m] of pins at places (N, 2)."""
+    """Outlines (N, P, 2) [m] of a silent chain's pins (N, 2)."""
     return position[:, None] + _arc((0.0, 0.0), pin_radius(model), 0.0, 2.0 * math.pi, points)
