@@ -136,7 +136,7 @@ def read_archive(path: str | Path) -> Archive:
     name = Path(path)
     paths = archive_files(name)
     if not os.path.exists(paths[0]):
-        _refuse_missing(name)
+        _raise_missing_archive(name)
     return open_archive_files(name, tuple(map(McapIndex, paths)))
 
 
@@ -144,7 +144,7 @@ def open_archive_files(name: Path, files: tuple[McapIndex, ...]) -> Archive:
     """Archive of a name and open files; raises as `read_archive`."""
     starts = [_start_metadata(file) for file in files]
     ends = [file.read_metadata(archive_format.END_METADATA) for file in files]
-    _check_set(name, files, starts, ends)
+    _check_whole_set(name, files, starts, ends)
     start, end, last = starts[0], ends[-1] or {}, files[-1]
     try:
         info, numbers = _run_info(start, end), numbers_from_metadata(start)
@@ -185,7 +185,7 @@ def _run_info(start: Mapping[str, str], end: Mapping[str, str]) -> RunInfo:
     )
 
 
-def _refuse_missing(path: Path) -> None:
+def _raise_missing_archive(path: Path) -> None:
     """Raises the error of a missing archive, with what a killed run left."""
     left = unfinished_files(path)
     hint = ""
@@ -209,7 +209,7 @@ def _start_metadata(file: McapIndex) -> dict[str, str]:
     return start
 
 
-def _check_set(
+def _check_whole_set(
     path: Path,
     files: Sequence[McapIndex],
     starts: Sequence[Mapping[str, str]],

@@ -102,14 +102,14 @@ class Recovery:
         if self.missing:
             words += f"; {self.missing} frames are missing between others"
         if self.left_out:
-            words += f"; left out as damaged or missing: {_first_words(self.left_out)}"
+            words += f"; left out as damaged or missing: {_left_out_text(self.left_out)}"
         if self.unreadable:
             lost = [f"variant {variant} ({why})" for variant, why in sorted(self.unreadable.items())]
-            words += f"; lost: {_first_words(lost)}"
+            words += f"; lost: {_left_out_text(lost)}"
         return words + (f"; {self.lost} bytes after the last whole record lost" if self.lost else "")
 
 
-def _first_words(words: Sequence[str]) -> str:
+def _left_out_text(words: Sequence[str]) -> str:
     """Line on the first eight things that a recovery left out."""
     return ", ".join(words[:8]) + (", ..." if len(words) > 8 else "")
 
@@ -135,7 +135,7 @@ def recover_archive(broken: str | Path, output: str | Path, overwrite: bool = Fa
             copy.require_run()
         if not result.chunks:
             raise ArchiveError(f"{source}: holds no whole chunk of frames; nothing can be restored")
-        _read_back(copies, result)
+        _check_restored(copies, result)
         if not any(result.frames.values()):
             why = next(iter(result.unreadable.values()), "no frame is whole")
             raise ArchiveError(f"{source}: no variant of it can be read ({why}); nothing can be restored")
@@ -178,7 +178,7 @@ def _source_files(path: Path) -> list[Path]:
     return files
 
 
-def _read_back(copies: Sequence[_FileCopy], result: Recovery) -> None:
+def _check_restored(copies: Sequence[_FileCopy], result: Recovery) -> None:
     """Reads the restored archive; notes frames and unreadable variants."""
     with ExitStack() as drafts:
         paths = [drafts.enter_context(copy.readable_draft(len(copies))) for copy in copies]

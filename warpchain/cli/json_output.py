@@ -18,15 +18,15 @@ if TYPE_CHECKING:
 
 def json_text(values: Mapping[str, Any]) -> str:
     """Values as the text of a JSON object; numbers that are not finite are null."""
-    return json.dumps(_finite(values), indent=2, allow_nan=False, ensure_ascii=False)
+    return json.dumps(_finite_json(values), indent=2, allow_nan=False, ensure_ascii=False)
 
 
-def _finite(value: Any) -> Any:
+def _finite_json(value: Any) -> Any:
     """A JSON value with None for numbers that are not finite, however deep."""
     if isinstance(value, Mapping):
-        return {key: _finite(inner) for key, inner in value.items()}
+        return {key: _finite_json(inner) for key, inner in value.items()}
     if isinstance(value, (list, tuple)):
-        return [_finite(inner) for inner in value]
+        return [_finite_json(inner) for inner in value]
     return None if isinstance(value, float) and not math.isfinite(value) else value
 
 

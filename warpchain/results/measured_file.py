@@ -67,7 +67,7 @@ def read_signal(path: str | Path, name: str, unit: str, columns: MeasuredColumns
         path, f"the time, {head},", columns.time_unit or said or "s", "s", "must be a time; say --time-unit"
     )
     to_si = _unit_factor(path, column, columns.unit or its or unit, unit, f"{name} is in {unit}; say --unit")
-    time, signal = _without_gaps(path, head, to_seconds * time, to_si * signal)
+    time, signal = _values_without_gaps(path, head, to_seconds * time, to_si * signal)
     if len(time) < 2 or not (np.diff(time) >= 0.0).all() or time[0] == time[-1]:
         raise SimulationError(f"{path}: {head}: must ascend over at least two lines with values")
     if time[0] > LATEST_TIME:  # seconds since 1970, say
@@ -84,7 +84,7 @@ def read_signal(path: str | Path, name: str, unit: str, columns: MeasuredColumns
     return MeasuredSignal(name, unit, time, signal)
 
 
-def _without_gaps(path: str | Path, head: str, time: Array, signal: Array) -> tuple[Array, Array]:
+def _values_without_gaps(path: str | Path, head: str, time: Array, signal: Array) -> tuple[Array, Array]:
     """Times and values (K,) of a measured signal without gaps.
 
     Raises:

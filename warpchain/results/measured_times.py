@@ -41,7 +41,7 @@ def clock_seconds(table: TextTable, column: int) -> Array:
         if found is None and cell.lower() not in GAPS:
             raise TableError(f"line {line}: {cell!r} is no date or time of day like those above")
         parts.append(found if cell.lower() not in GAPS else None)
-    days = _days([part["date"] if part else None for part in parts], lines)
+    days = _day_numbers([part["date"] if part else None for part in parts], lines)
     # days and seconds are subtracted apart: an instant of this century would leave few digits for microseconds
     day = np.array(days, dtype=float)
     clock = np.array(
@@ -55,7 +55,7 @@ def clock_seconds(table: TextTable, column: int) -> Array:
     return 86400.0 * (day - day[first]) + (clock - clock[first])
 
 
-def _days(dates: list[str | None], lines: list[int]) -> list[int]:
+def _day_numbers(dates: list[str | None], lines: list[int]) -> list[int]:
     """Day numbers of measured dates, 0 for none.
 
     Raises:

@@ -68,7 +68,7 @@ class Column:
     is_aside: bool = False  # whether studies analyze it only by name
 
 
-def column_of(value: VariantValues, missing: Any = False) -> ColumnValues:
+def column_of_value(value: VariantValues, missing: Any = False) -> ColumnValues:
     """Column of a metric formula's value, with what is missing."""
     if isinstance(value, ColumnValues):
         return ColumnValues(value.values, value.missing | missing)
@@ -78,12 +78,12 @@ def column_of(value: VariantValues, missing: Any = False) -> ColumnValues:
 
 def columns_of_formulas(columns: Iterable[Column], of: Any, missing: Any = False) -> dict[str, ColumnValues]:
     """Columns of metric formulas by name, with what is missing."""
-    return {column.name: column_of(column.value(of), missing) for column in columns if column.value}
+    return {column.name: column_of_value(column.value(of), missing) for column in columns if column.value}
 
 
 def mask_absent(given: ArrayLike, values: ArrayLike) -> ColumnValues:
     """Column of metric values, missing where not given."""
-    return column_of(values, np.logical_not(given))
+    return column_of_value(values, np.logical_not(given))
 
 
 def number_of_each_drive(

@@ -38,7 +38,7 @@ from warpchain.results.metric_formulas import (
     EnergyBalance,
     LazyFields,
     WindowSums,
-    column_of,
+    column_of_value,
     columns_of_formulas,
     mask_absent,
     number_of_each_drive,
@@ -155,10 +155,10 @@ def run_columns(ended: VariantEnds[Any]) -> Columns:
     """Metric columns on divergence and window [s]."""
     step = ended.schedule_column("step")
     return {
-        "diverged": column_of(ended.diverged),
+        "diverged": column_of_value(ended.diverged),
         "diverged_time": mask_absent(ended.diverged, ended.steps * step),
-        "window_start": column_of(ended.schedule_column("window_start") * step),
-        "window_end": column_of(ended.schedule_column("window_end") * step),
+        "window_start": column_of_value(ended.schedule_column("window_start") * step),
+        "window_end": column_of_value(ended.schedule_column("window_end") * step),
     }
 
 
@@ -288,7 +288,7 @@ def engaged_columns(ended: VariantEnds[ChainModel]) -> Columns:
     if ended.engaged is None:
         return {}
     groups = groups_of_drive(ended.drives[0], ((ENGAGED_METRICS,),))
-    return {prefix + c.name: column_of(ended.engaged[:, s]) for prefix, s, group in groups for c in group.columns}
+    return {prefix + c.name: column_of_value(ended.engaged[:, s]) for prefix, s, group in groups for c in group.columns}
 
 
 def metrics_of_variants(ended: VariantEnds[ChainModel], sums: Mapping[str, Any]) -> Columns:
@@ -302,7 +302,7 @@ def metrics_of_variants(ended: VariantEnds[ChainModel], sums: Mapping[str, Any])
         columns = window_columns(ended, sums)
         columns |= columns_of_formulas(STEADY_METRICS.columns, drift_means(ended, sums))
         columns |= columns_of_formulas(BALANCE_METRICS.columns, energy_balance(model, sums))
-        known = run_columns(ended) | {STEP_KEY: column_of(ended.schedule_column("step"))} | columns
+        known = run_columns(ended) | {STEP_KEY: column_of_value(ended.schedule_column("step"))} | columns
         columns |= design_metric_columns(ended.drives, known, ended.stacks)
     columns |= engaged_columns(ended)
     absent = ~ended.is_measured
@@ -311,7 +311,7 @@ def metrics_of_variants(ended: VariantEnds[ChainModel], sums: Mapping[str, Any])
     if ended.settle_force is not None:
         settled["settle_force"] = ended.settle_force
     names = (column.name for _, _, group in groups_of_drive(model, ((SETTLING_METRICS,),)) for column in group.columns)
-    return columns | {name: column_of(settled[name]) for name in names if name in settled}
+    return columns | {name: column_of_value(settled[name]) for name in names if name in settled}
 
 
 ChainEnds = tuple[VariantEnds[ChainModel], Mapping[str, Any]]
@@ -354,8 +354,8 @@ def metric_blocks(
 def metrics_table(ended: VariantEnds[Drive], blocks: ColumnBlocks, limits: Limits | None = None) -> pa.Table:
     """Metrics table of all variants, judged by limits."""
     count = len(ended.drives)
-    known = {"variant": column_of(np.arange(count)), "status": column_of(np.zeros(count)),
-             "reason": column_of(np.zeros(count)), **run_columns(ended)}  # fmt: skip
+    known = {"variant": column_of_value(np.arange(count)), "status": column_of_value(np.zeros(count)),
+             "reason": column_of_value(np.zeros(count)), **run_columns(ended)}  # fmt: skip
     columns = {name: (of.filled(0), of.missing) for name, of in known.items()}
     places = {name: (-1, place) for place, name in enumerate(columns)}
     for variants, found in blocks:

@@ -68,7 +68,7 @@ def channel(
         if needed not in CHANNEL_NAMES:
             raise PluginError(f"channel {name!r}: no channel {needed!r}; allowed are {', '.join(CHANNEL_NAMES)}")
 
-    def add(function: ChannelFunction) -> ChannelFunction:
+    def add_channel(function: ChannelFunction) -> ChannelFunction:
         """Registers the plug-in's channel; returns its function."""
         if not hasattr(function, "__code__"):
             raise PluginError(f"channel {name!r}: must be a function")
@@ -78,7 +78,7 @@ def channel(
         add_to_registry(OWN_CHANNELS, "channel", name, OwnChannel(function, tuple(channels), own), file)
         return function
 
-    return add
+    return add_channel
 
 
 def recorded_names(names: Iterable[str]) -> tuple[str, ...]:

@@ -102,7 +102,7 @@ def metric(
         PluginError: a name that is taken or not allowed, an unknown channel, or no function.
     """
 
-    def add(function: MetricFunction) -> MetricFunction:
+    def add_metric(function: MetricFunction) -> MetricFunction:
         """Registers the plug-in's metric; returns its function."""
         if not hasattr(function, "__code__"):
             raise PluginError(f"metric {name!r}: must be a function")
@@ -116,7 +116,7 @@ def metric(
         add_to_registry(OWN_METRICS, "metric", name, OwnMetric(function, asked), file)
         return function
 
-    return add
+    return add_metric
 
 
 def metric_channels() -> tuple[str, ...]:
@@ -150,11 +150,11 @@ def with_own_metrics(
             else None
             for v, row in enumerate(rows)
         ]
-        table = _with_column(table, name, values, digest_of_file(own.function.__code__.co_filename))
+        table = _table_with_own_metric(table, name, values, digest_of_file(own.function.__code__.co_filename))
     return table
 
 
-def _with_column(table: pa.Table, name: str, values: Sequence[float | None], digest: str) -> pa.Table:
+def _table_with_own_metric(table: pa.Table, name: str, values: Sequence[float | None], digest: str) -> pa.Table:
     """Metrics table with the column of a plug-in's metric."""
     import pyarrow as pa
 

@@ -18,7 +18,7 @@ CROTCH_GAP = 0.022
 """Gap of a drawn plate's crotch, in pitches."""
 
 
-def _arc(center: Any, radii: Any, begin: float, end: float, points: int) -> Array:
+def _ellipse_arc(center: Any, radii: Any, begin: float, end: float, points: int) -> Array:
     """Points (P, 2) on an ellipse between two angles [rad]."""
     angle = np.linspace(begin, end, points)
     return np.asarray(center) + np.multiply(radii, np.stack([np.cos(angle), np.sin(angle)], axis=1))
@@ -36,8 +36,11 @@ def plate_outline(plate: Plate, arc_points: int = 5) -> Array:
     way = corner - tip
     inside = math.atan2(way[1], way[0]) + math.acos(radius / math.hypot(*way))  # of the tangent from the corner
     height = plate.back_height + begin[1]
-    shoulder = _arc((0.0, begin[1]), (radius - begin[0], height), 1.5 * math.pi, math.pi, 2 * arc_points)
-    toe = [_arc(begin, radius, math.pi, normal, arc_points), _arc(tip, radius, normal, inside, 2 * arc_points)]
+    shoulder = _ellipse_arc((0.0, begin[1]), (radius - begin[0], height), 1.5 * math.pi, math.pi, 2 * arc_points)
+    toe = [
+        _ellipse_arc(begin, radius, math.pi, normal, arc_points),
+        _ellipse_arc(tip, radius, normal, inside, 2 * arc_points),
+    ]
     side = np.vstack([shoulder, *toe, corner]) - [half, 0.0]
     whole = np.vstack([side, side[::-1] * [-1.0, 1.0]])
     return np.vstack([whole, whole[:1]])
@@ -54,8 +57,8 @@ def wheel_outline(plate: Plate, teeth: int, pitch: float, arc_points: int = 5) -
     foot = np.array([radius - plate.flank_distance * sine, plate.flank_distance * cosine])
     ends = [foot + along * np.array([cosine, sine]) for along in (lowest, tooth_corner(plate, teeth, pitch))]
     low, high = (math.atan2(y, x) for x, y in ends)
-    floor = _arc((0.0, 0.0), math.hypot(*ends[0]), 0.0, low, arc_points)
-    half = np.vstack([floor, _arc((0.0, 0.0), math.hypot(*ends[1]), high, step, arc_points)])
+    floor = _ellipse_arc((0.0, 0.0), math.hypot(*ends[0]), 0.0, low, arc_points)
+    half = np.vstack([floor, _ellipse_arc((0.0, 0.0), math.hypot(*ends[1]), high, step, arc_points)])
     return teeth_around(np.vstack([half[::-1] * [1.0, -1.0], half[1:]]), teeth)
 
 
@@ -76,4 +79,4 @@ def pin_radius(model: ChainModel) -> float:
 
 def pin_outlines(model: ChainModel, position: NDArray[np.floating], points: int = 12) -> Array:
     """Outlines (N, P, 2) [m] of a silent chain's pins (N, 2)."""
-    return position[:, None] + _arc((0.0, 0.0), pin_radius(model), 0.0, 2.0 * math.pi, points)
+    return position[:, None] + _ellipse_arc((0.0, 0.0), pin_radius(model), 0.0, 2.0 * math.pi, points)

@@ -70,7 +70,7 @@ def histogram_quantile(
     """
     below = cumulative_counts(counts) if below is None else below
     wanted = share * below[:, -1]
-    bins = _first_reaching(below, wanted)
+    bins = _first_bins_reaching(below, wanted)
     row = np.arange(len(counts))
     edge = row * len(edges) // len(counts)
     inside = counts[row, bins]
@@ -82,7 +82,7 @@ def histogram_quantile(
     return np.asarray(from_ + part * (to - from_))
 
 
-def _first_reaching(below: Array, wanted: Array) -> NDArray[np.int64]:
+def _first_bins_reaching(below: Array, wanted: Array) -> NDArray[np.int64]:
     """First bin (R,) whose cumulative count reaches the wanted."""
     row, count = np.arange(len(below)), below.shape[1]
     found, step = np.zeros(len(below), dtype=np.int64), 2 ** (count - 1).bit_length()

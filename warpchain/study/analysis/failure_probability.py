@@ -151,20 +151,20 @@ def _lognormal_interval(logs: Array) -> tuple[float, float]:
 
 def design_points(margin: Margin, failed: Array) -> tuple[Array, int]:
     """Design points (K, D) of failure (Hasofer and Lind 1974), and evaluations of g."""
-    points, evaluations = nearest_by_direction(failed), 0
+    points, evaluations = nearest_failures(failed), 0
     for _ in range(DESIGN_POINT_STEPS):
         stepped, more = _points_after_step(margin, points)
         evaluations += more
         before, after = np.linalg.norm(points, axis=1), np.linalg.norm(stepped[0], axis=1)
         better = stepped[1] & (after < before)
         settled = not (better & (after < (1.0 - LEAST_GAIN) * before)).any()
-        points = nearest_by_direction(np.where(better[:, None], stepped[0], points))
+        points = nearest_failures(np.where(better[:, None], stepped[0], points))
         if settled:
             break
     return points, evaluations
 
 
-def nearest_by_direction(points: Array) -> Array:
+def nearest_failures(points: Array) -> Array:
     """Failed points (K, D) nearest to the origin, one a direction."""
     sizes = np.linalg.norm(points, axis=1)
     left = np.argsort(sizes, kind="stable")

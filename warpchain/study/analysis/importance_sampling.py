@@ -21,7 +21,7 @@ from itertools import product
 import numpy as np
 
 from warpchain.errors import StudyError
-from warpchain.study.analysis.failure_probability import FailureEstimate, Margin, nearest_by_direction
+from warpchain.study.analysis.failure_probability import FailureEstimate, Margin, nearest_failures
 from warpchain.study.results import Array
 
 RADIUS_SHARE = 0.95
@@ -106,7 +106,7 @@ def fit_mixture(failed: Sequence[Array]) -> FailureMixture:
 
 def _group_directions(failed: Array) -> list[Array]:
     """Choices of unit vectors (K, D) to group failures by."""
-    several = nearest_by_direction(failed)
+    several = nearest_failures(failed)
     for _ in range(DIRECTION_TURNS):
         group = (failed @ several.T).argmax(axis=1)
         several = np.array([_unit_vector(failed[group == k].mean(axis=0)) for k in np.unique(group)])
@@ -158,7 +158,7 @@ def importance_sampling(margin: Margin, mixture: FailureMixture, count: int, see
     return FailureEstimate(mean, mean * np.exp(-half), min(1.0, mean * np.exp(half)), count, (u[fails],))
 
 
-def joint_estimate(subset: FailureEstimate, sampled: FailureEstimate | str) -> FailureEstimate | str:
+def combined_estimate(subset: FailureEstimate, sampled: FailureEstimate | str) -> FailureEstimate | str:
     """Failure probability by both methods, or why they disagree."""
     if isinstance(sampled, str):
         return subset

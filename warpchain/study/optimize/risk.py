@@ -30,9 +30,9 @@ from warpchain.progress import Progress, interruptible_work, raise_if_stopped
 from warpchain.study.analysis.failure_probability import FailureEstimate, design_points, subset_simulation
 from warpchain.study.analysis.importance_sampling import (
     FailureMixture,
+    combined_estimate,
     fit_mixture,
     importance_sampling,
-    joint_estimate,
 )
 from warpchain.study.design.factor_values import design_dimensions
 from warpchain.study.design.noise_rows import noise_dimensions, noise_mixing, noise_rows_of_normals
@@ -248,7 +248,7 @@ def _risk_data(margins: LimitMargins, study: Study, settings: Risk) -> dict[str,
         )
     ]
     variant, distance = margins.likeliest_failure()
-    joint = joint_estimate(subset, sampled)
+    joint = combined_estimate(subset, sampled)
     return {
         "joint": _data_from_estimate(joint),
         "subset": _data_from_estimate(subset),

@@ -123,7 +123,7 @@ def _leader_cells(box: _Box, corner: Array, origin: Array, cells: Array) -> Arra
     """Values of cells that a label's line passes."""
     start, end = _leader_ends(box, corner)
     steps = (start + np.linspace(0.0, 0.98, 60)[:, None] * (end - start) - origin) / CELL
-    return cells[_within(steps[:, 1], cells.shape[0]), _within(steps[:, 0], cells.shape[1])]
+    return cells[_numbers_within(steps[:, 1], cells.shape[0]), _numbers_within(steps[:, 0], cells.shape[1])]
 
 
 def _box_sums(cells: Array, wide: int, high: int) -> Array:
@@ -146,12 +146,12 @@ def _put_label(axis: Any, box: _Box, corner: Array, taken: Array, origin: Array)
         color = box.texts[0].get_color()
         axis.plot(*axis.transData.inverted().transform(ends).T, color=color, lw=0.5, alpha=0.7, zorder=4.5)
         columns, rows = ((ends[0] + np.linspace(0.0, 1.0, 300)[:, None] * (ends[1] - ends[0]) - origin) / CELL).T
-        taken[_within(rows, taken.shape[0]), _within(columns, taken.shape[1])] = 1.0
+        taken[_numbers_within(rows, taken.shape[0]), _numbers_within(columns, taken.shape[1])] = 1.0
     left, bottom = ((corner - origin) / CELL).astype(int)
     right, above = np.ceil((corner + box.size - origin) / CELL).astype(int)
     taken[bottom:above, left:right] = 1.0
 
 
-def _within(places: Array, count: int) -> NDArray[np.int64]:
+def _numbers_within(places: Array, count: int) -> NDArray[np.int64]:
     """Numbers of cells at places, kept within `count`."""
     return places.astype(int).clip(0, count - 1)
