@@ -17,12 +17,12 @@ if TYPE_CHECKING:
 
 
 def json_text(values: Mapping[str, Any]) -> str:
-    """Values as the text of a JSON object; numbers that are not finite are null."""
+    """Text of a JSON object; numbers that are not finite are null."""
     return json.dumps(_finite_json(values), indent=2, allow_nan=False, ensure_ascii=False)
 
 
 def _finite_json(value: Any) -> Any:
-    """A JSON value with None for numbers that are not finite, however deep."""
+    """JSON value with None for numbers that are not finite."""
     if isinstance(value, Mapping):
         return {key: _finite_json(inner) for key, inner in value.items()}
     if isinstance(value, (list, tuple)):
@@ -31,7 +31,7 @@ def _finite_json(value: Any) -> Any:
 
 
 def check_values(drive: Drive, name: str, defaults: Mapping[str, Any]) -> dict[str, Any]:
-    """The values that `check --json` prints of a drive.
+    """Values of `check --json` on a drive.
 
     Args:
         name: of its file or example.
@@ -45,7 +45,7 @@ def check_values(drive: Drive, name: str, defaults: Mapping[str, Any]) -> dict[s
 
 
 def run_values(drive: Drive, metrics: Mapping[str, Any], info: RunInfo, archive: Path | None) -> dict[str, Any]:
-    """The values that `run --json` prints beside `check_values`.
+    """Values of `run --json` beside those of `check --json`.
 
     Args:
         metrics: the row of the run.

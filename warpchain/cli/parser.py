@@ -1,6 +1,6 @@
 """The command line's parser and its start: `warpchain new | check | draw | run | view | study | ...`.
 
-Exit statuses: see `warpchain.cli.commands`; mistakes of the user and refusals of the machine are one line each.
+Mistakes of the user and refusals of the machine are one line each.
 """
 
 from __future__ import annotations
@@ -55,29 +55,28 @@ HELP_EXAMPLES = """examples:
 
 
 SHELLS = ("bash", "zsh", "fish")
-"""Shells that `--completions` knows."""
 
 STEP_OPTION: Any = {
     "type": number_or_auto_from_word,
     "metavar": "SECONDS",
     "help": 'time step, or "auto"; default the drive\'s own',
 }
-"""Option of `run` and `export`, as `add_argument` takes it."""
+"""Option --step of `run` and `export`."""
 
 JSON_HELP = "print JSON, in SI units (warpchain schema output; docs/scripts.md)"
-"""Help of the option of `check` and `run`."""
+"""Help of --json."""
 
 
 class _OneLineParser(argparse.ArgumentParser):
-    """The command line's argument parser, which prints a mistake in one line, without the usage."""
+    """Argument parser that prints a mistake in one line."""
 
     def error(self, message: str) -> NoReturn:
-        """Ends the program with a mistake of the command line in one line."""
+        """Ends the program with the command line's mistake in one line."""
         self.exit(WRONG, f"warpchain: error: {message}; see {self.prog} --help\n")
 
 
 def _add_function_command(commands: Any, run: CommandBody, text: str, example: str) -> Any:
-    """Adds a command whose name begins its function's to the command line; returns its parser."""
+    """Adds a command named as its function begins; returns its parser."""
     return add_command(commands, run.__name__.partition("_")[0], run, text, example)
 
 
@@ -614,11 +613,11 @@ COMMAND_ADDERS = (
     add_calibrate_command,
     add_mcp_command,
 )
-"""Functions that add a command each to the command line, in the order of the help."""
+"""Functions that add the commands, in the help's order."""
 
 
 def command_line_parser() -> argparse.ArgumentParser:
-    """The parser of the whole command line."""
+    """Parser of the whole command line."""
     top = _OneLineParser(
         prog="warpchain",
         description="Dynamics of roller-chain drives, many variants at once.",
@@ -635,7 +634,7 @@ def command_line_parser() -> argparse.ArgumentParser:
 
 
 def run_command_line(argv: Sequence[str] | None = None) -> int:
-    """Runs the command line and returns the exit status; errors are printed in one line each."""
+    """Runs the command line; returns the exit status, errors printed in one line each."""
     warnings.showwarning = _print_warning
     with contextlib.suppress(AttributeError, ValueError, OSError):  # a standard error that is no file
         faulthandler.enable()
@@ -692,7 +691,7 @@ def _print_error_line(line: str) -> None:
 
 
 def _discard_output() -> None:
-    """Discards output that could not be printed, which Python would try once more at its end."""
+    """Discards output that could not be printed, so that Python does not try again."""
     with contextlib.suppress(OSError, ValueError, AttributeError):
         nowhere = os.open(os.devnull, os.O_WRONLY)
         os.dup2(nowhere, sys.stdout.fileno())
@@ -705,7 +704,7 @@ def _print_warning(message: Warning | str, *_: Any, **__: Any) -> None:
 
 
 def completion_script(parser: argparse.ArgumentParser, shell: str) -> str:
-    """Script by shtab with which a shell completes the command line.
+    """Script by which a shell completes the command line, made by shtab.
 
     Raises:
         WarpchainError: without the package shtab.

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 def add_search_command(
     commands: Any, run: CommandBody, text: str, needs: str, words: str = "STUDY.toml", own: OptionSettings | None = None
 ) -> None:
-    """Adds a command that runs a study in rounds to the command line; its name begins its body's.
+    """Adds a command that runs a study in rounds, named as its body begins.
 
     Args:
         text: its help.
@@ -87,7 +87,7 @@ def risk_command(arguments: argparse.Namespace) -> int:
 
 
 def _print_recommended(found: Any) -> None:
-    """Prints the designs that a search recommends, and how to play them."""
+    """Prints designs that a search recommends, and how to play them."""
     from warpchain.assembly.summary import check_findings
     from warpchain.drive import load_drive
 
@@ -112,7 +112,7 @@ def _print_recommended(found: Any) -> None:
 
 
 def _print_design(results: Results, name: str, one: RecommendedDesign) -> None:
-    """Prints a design: its reasons, factors, metrics, and what is other than today."""
+    """Prints a recommended design: reasons, factors, metrics, changes from today."""
     from warpchain.results.units import quantity_words
     from warpchain.study.report.decision_sections import change_texts
 
