@@ -138,7 +138,7 @@ class FrameLayout:
         return name in self._places_by_name
 
     def place(self, name: str) -> int:
-        """Place of a channel among its part's values."""
+        """Place of a channel among its part's values in a frame."""
         return self._places_by_name[name]
 
     def values(self, kind: PartKind) -> int:
@@ -171,7 +171,7 @@ FRAME_BLOCKS: tuple[PartKind, ...] = ("roller", "sprocket", "arm", "tensioner", 
 
 
 def _frame_block(kind: PartKind) -> PartKind:
-    """Kind of part among whose values a frame has another's."""
+    """Kind of part in whose block of a frame a kind's values are."""
     return "roller" if kind == "link" else kind
 
 

@@ -121,7 +121,7 @@ def _number_of_prefix_chain(each: NumberOfEach, of: str, value: Callable[[Chain]
     name = of.partition(".")[0]
 
     def number_of_drive(drive: Drive) -> Any:
-        """Number of a drive's chain, nan without one."""
+        """Value of a drive's chain, nan without one."""
         chains = dict(zip(drive.chain_prefixes, drive.each_chain, strict=True))
         chain = chains.get("", chains.get(f"{name}."))
         found = None if chain is None else value(chain)

@@ -1,4 +1,4 @@
-"""Forecast of a study before it runs: rows and runs, share of infeasible ones, cost, expected precision."""
+"""Forecast of a study before it runs: runs, share of infeasible rows, cost, expected precision."""
 
 from __future__ import annotations
 
@@ -224,7 +224,7 @@ def _window_length(results: Results) -> float | None:
 
 
 def forecast_lines(forecast: Forecast, wanted: Mapping[str, float] | None = None) -> list[str]:
-    """Lines of text of a study's forecast.
+    """Lines on a study's forecast.
 
     Args:
         wanted: half width of the 95 % interval by metric.

@@ -42,7 +42,6 @@ BOOKKEEPING_COLUMNS = (
     *RUN_COLUMNS,
     *SETTLING_COLUMNS,
 )
-"""Columns that are neither factors nor metrics."""
 
 
 Array = NDArray[np.float64]

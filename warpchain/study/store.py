@@ -72,7 +72,7 @@ def read_table(
 
     Args:
         columns: the digest is checked only if all are read.
-        study: identity of the study that the table must belong to.
+        study: identity that the table must have.
         bounded: whether to refuse more than `MOST_ROWS` or `MOST_CELLS`.
 
     Raises:
@@ -193,7 +193,7 @@ def _note_digest(note: Mapping[str, Any]) -> str:
 
 
 def table_digest(table: pa.Table) -> str:
-    """SHA-256 of a table's names, types, metadata and values."""
+    """SHA-256 of a study table's names, types, metadata and values."""
     import numpy as np
     import pyarrow as pa
 
@@ -215,7 +215,7 @@ def write_table(path: Path, table: pa.Table, keep: bool = False, study: str = ""
 
     Args:
         keep: leave an existing file.
-        study: identity of the study.
+        study: its identity.
         note_outcomes: whether the note lists the rows' statuses.
 
     Raises:

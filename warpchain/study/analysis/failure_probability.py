@@ -1,7 +1,7 @@
 """Probability of failure by subset simulation, and the likeliest ways to fail.
 
-Unknowns u are standard normal (D,) and fail where g(u) <= 0. The part p_j of samples, a tenth or more, is beyond each
-next threshold (Au and Beck 2001), n_f of the last n fail:
+Unknowns u are standard normal (D,) and fail where g(u) <= 0. The part p_j of samples is beyond each next threshold (Au
+and Beck 2001), n_f of the last n fail:
 
     P = p_1 p_2 ... p_(m-1) (n_f / n).                                                                       (a)
 
@@ -25,7 +25,6 @@ from warpchain.study.results import Array
 Margin = Callable[[Array], Array]
 """Margin g (N,) at points (N, D), above 0 within limits."""
 LEVEL_SHARE = 0.1
-"""Share of samples beyond a threshold."""
 ACCEPTANCE_RATE = 0.44
 MOST_LEVELS = 12
 MOST_BATCHES = 3
@@ -34,7 +33,6 @@ LEVEL_MESSAGE = (
     "equally far from the limit, so that nothing leads to failures; raise risk.count, or limit a metric that varies"
 )
 NOMINAL_LEVEL = 0.98
-"""Level of Student's t in (b)."""
 WAY_COSINE = 0.5
 """Cosine of the angle between different ways to fail."""
 FARTHEST_BEYOND = 2.0
@@ -121,7 +119,7 @@ def _level_samples(
     """Samples of subset simulation's next level, their g, and evaluations.
 
     Args:
-        start: first sample of each chain (R, seeds, D), and g there.
+        start: first sample of each chain (R, seeds, D), and its g.
         limit: (R,) threshold.
     """
     u, g = start

@@ -1,15 +1,13 @@
 """Probability of failure by importance sampling from a mixture that is fitted to failures.
 
-Failures u, standard normal (D,) of density phi, are those of a subset simulation's repetitions. Samples are from
+Failures u, standard normal (D,) of density phi, are those of a subset simulation. Samples are from
 
     q(u) = a phi(u) [|u| > r] / P(|u| > r) + (1 - a) sum_k s_k N(u; m_k, C_k),                               (a)
 
 P = mean(w(u), failing), w = phi / q (Kurtz and Song 2013), r just below the nearest failure (Harbitz 1986), m_k and C_k
-mean and covariance of failures in a direction. Shrinkage of C_k, directions, and a make
+mean and covariance of failures in a direction. Shrinkage of C_k, directions, and a make least, outside the fit,
 
-    E_q[w^2, failing] = P E[w | failure]                                                                     (b)
-
-least over failures outside the fit.
+    E_q[w^2, failing] = P E[w | failure].                                                                    (b)
 """
 
 from __future__ import annotations
@@ -27,7 +25,6 @@ from warpchain.study.results import Array
 RADIUS_SHARE = 0.95
 """Radius r over the nearest failure's distance."""
 OUTSIDE_SHARES = (0.1, 0.2, 0.5)
-"""Shares a of (a) that are tried."""
 SHRINKAGES = (0.0, 0.3, 0.6, 0.8, 0.9, 1.0)
 DIRECTION_TURNS = 5
 NORMAL_LEVEL = 0.99

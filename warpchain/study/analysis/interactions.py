@@ -1,7 +1,7 @@
 """Interactions of factors: the part of a metric that the product of two takes up beyond each alone.
 
-Of R rows, with q products of two factors' values added to fits of each, p terms in all, squares S about the mean and
-residual squares S_0 and S_1 (Montgomery 2017, 10.4),
+Of R rows, with q products of two factors' values, p terms in all, squares S about the mean, residual squares S_0 and
+S_1 (Montgomery 2017, 10.4),
 
     E = (S_0 - S_1) / S,      F = (S_0 - S_1) / q / (S_1 / (R - p)).                                          (a)
 

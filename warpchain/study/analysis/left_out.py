@@ -5,7 +5,7 @@ factor or the metric, by
 
     D = max |F_out(x) - F_in(x)|                                                                              (a)
 
-(Kolmogorov, Smirnov) or chi-square for words; chances are multiplied by the number of tests.
+(Kolmogorov, Smirnov) or chi-square for words.
 """
 
 from __future__ import annotations
@@ -75,7 +75,7 @@ class LeftOut:
         return _lost_parts(self.results, self.unbuilt_rows, ~self.unbuilt_rows)
 
     def is_unranked(self, metric: str) -> bool:
-        """Whether rows left out would bias a metric's ranking of factors."""
+        """Whether left-out rows would bias a metric's ranking of factors."""
         lost, kept = self.left_out_rows, self.results.ok
         if not lost.any() or not kept.any():
             return False
@@ -86,7 +86,7 @@ class LeftOut:
         return bool(_distribution_chance(*known) * (len(self.lost_parts) + 1) < 1.0 - CONFIDENCE)
 
     def lines(self) -> list[str]:
-        """Lines of text on left-out rows and lost ranges."""
+        """Lines on left-out rows and lost ranges."""
         found, count = [], len(self.results.status)
         if self.left_out_rows.any():
             status, reason, often = self._reasons_of_rows(self.left_out_rows)[0]
@@ -111,7 +111,7 @@ class LeftOut:
 
 
 def _lost_parts_text(parts: list[LostPart]) -> str:
-    """Sentence on the lost parts that are beyond chance."""
+    """Sentence on lost parts that are beyond chance."""
     words = [str(part) for part in parts if part.is_sure]
     return f". Lost, by factor: {'; '.join(words)}" if words else ". No part of a factor's range stands out"
 

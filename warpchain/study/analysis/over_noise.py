@@ -4,8 +4,8 @@ A run's contribution to a statistic T is its jackknife pseudo-value (Efron 1982)
 
     J_k = T + (n - 1) (mean(T_1 .. T_n) - T_k);                                                               (a)
 
-T's standard error is the deviation of T_k times sqrt(n - 1). Differences of two designs' J over the same noise compare
-them. For a fit y = sum f_i(z_i) of p_i terms each and scatter s^2, noise factor i has the part (Li et al. 2010)
+T's standard error is the deviation of T_k times sqrt(n - 1). Designs are compared by differences of J over the same
+noise. For a fit y = sum f_i(z_i) of p_i terms each and scatter s^2, noise factor i has the part (Li et al. 2010)
 
     S_i = cov(f_i, y) / var(y) - p_i s^2 / ((n - 1) var(y)).                                                 (b)
 """
@@ -81,7 +81,7 @@ class Designs(Results):
         return mean_difference(after - before, CONFIDENCE)
 
     def sure_sign(self, first: int, second: int, name: str) -> int | None:
-        """Sign of two designs' difference in a statistic, 0 if unsure, None for a factor or few pairs."""
+        """Sign of two designs' difference in a statistic, 0 if unsure, or None."""
         statistic = statistic_from_name(name)
         if statistic is None:
             return None
@@ -185,7 +185,7 @@ def designs_over_noise(results: Results, goals: Goals, noise: Sequence[str] | No
 
 
 def noise_spread(designs: Designs, design: int, metric: str) -> NoiseSpread:
-    """Spread of a design's metric over noise, and noise factors' parts."""
+    """Spread of a design's metric over noise, with factors' parts."""
     runs, rows = designs.runs, designs.rows[design]
     found = {}
     for word in SHOWN_STATISTICS:
@@ -221,7 +221,7 @@ def _worst_run(results: Results, rows: NDArray[np.intp], goals: Goals) -> int:
 
 
 def _statistic_of_word(word: str, metric: str) -> Statistic:
-    """Statistic of a metric by a word such as "q95"."""
+    """Statistic of a metric by word, such as "q95"."""
     found = statistic_from_name(f"{word}({metric})")
     assert found is not None  # a word of SHOWN
     return found

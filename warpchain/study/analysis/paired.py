@@ -77,7 +77,7 @@ class MeanDifference:
 
     @property
     def reversing_change(self) -> float:
-        """Change of a difference by missed events that reverses the mean."""
+        """Change by missed events that reverses the mean difference."""
         return (
             max(abs(self.mean) - float(self._sure_margin(self.pairs, 0.0, _level_of_half(self.level))), 0.0)
             / self.missed_probability

@@ -36,7 +36,7 @@ def is_non_dominated(costs: NDArray[np.float64]) -> NDArray[np.bool_]:
 
 
 def front_chances(results: Results, objectives: Mapping[str, str]) -> NDArray[np.float64]:
-    """Probability (R,) of each row to be on the Pareto front.
+    """Probability (R,) of rows to be on the Pareto front.
 
     Args:
         results: of a study with replicates.
@@ -70,7 +70,7 @@ def pareto_front(results: Results, objectives: Mapping[str, str]) -> NDArray[np.
         objectives: "min" or "max" by metric.
 
     Raises:
-        StudyError: no objective, an unknown sense or column, or no variant that has them all.
+        StudyError: no objective, an unknown sense or column, or no variant with all.
     """
     rows, costs = _competing_costs(results, objectives)
     front = is_non_dominated(costs)
@@ -78,7 +78,7 @@ def pareto_front(results: Results, objectives: Mapping[str, str]) -> NDArray[np.
 
 
 def _competing_costs(results: Results, objectives: Mapping[str, str]) -> tuple[NDArray[np.intp], NDArray[np.float64]]:
-    """Rows (P,) that compete for the Pareto front, and costs (P, M)."""
+    """Rows (P,) that compete for the Pareto front, and costs."""
     if not objectives:
         raise StudyError("objectives: none given, a front needs at least one")
     check_senses(objectives)

@@ -102,7 +102,7 @@ def sample_posterior(
 
 
 def posterior_directions(u: Array) -> list[PosteriorDirection]:
-    """Principal directions of posterior samples, the least identified first."""
+    """Principal directions of posterior samples, least identified first."""
     values, vectors = np.linalg.eigh(np.atleast_2d(np.cov(u, rowvar=False)))
     found = []
     for value, vector in zip(values[::-1], vectors.T[::-1], strict=True):

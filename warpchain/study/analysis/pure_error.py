@@ -4,11 +4,11 @@ Row i of R is the mean of n_i runs with the standard error e_i; N = sum n_i. One
 
     s^2 = sum (n_i - 1) n_i e_i^2 / nu,    nu = N - R degrees of freedom.                                       (a)
 
-Scatter is the part s^2 / (s^2 + b^2) of single runs' variance, b^2 that between rows (Searle 1971, chapter 9):
+Scatter is the part s^2 / (s^2 + b^2) of runs' variance, b^2 that between rows (Searle 1971, chapter 9):
 
     b^2 = (B - s^2) / n_0,   B = sum n_i (y_i - y)^2 / (R - 1),   n_0 = (N - sum n_i^2 / N) / (R - 1).          (b)
 
-With d_i = n_i - 1, variances s_i^2 = n_i e_i^2 are drawn to what all rows say (Smyth 2004):
+With d_i = n_i - 1, variances s_i^2 = n_i e_i^2 are moderated (Smyth 2004):
 
     s~_i^2 = (d_0 s_0^2 + d_i s_i^2) / (d_0 + d_i).                                                             (c)
 """

@@ -5,7 +5,7 @@ mean m_i and variance v_i,
 
     V_i = var[c_i x_i + b_ii x_i^2],   c_i = b_i + sum_j b_ij m_j,   V_ij = b_ij^2 v_i v_j,                     (a)
 
-S_i = V_i / V, T_i = S_i + sum_j V_ij / V. Scatter s^2 of rows that are means of several runs is taken out,
+S_i = V_i / V, T_i = S_i + sum_j V_ij / V. Without the scatter s^2 of rows that are means of runs,
 
     S_i = V S_i / (V - s^2),    T_i = (V T_i - s^2) / (V - s^2).                                               (b)
 """
@@ -167,7 +167,7 @@ def saltelli_table(problem: Mapping[str, Any], base: int, seed: int = 0, second_
 
 
 def saltelli_block_size(results: Results, factors: Sequence[str]) -> int:
-    """Number of rows in a Saltelli design's block, or 0."""
+    """Number of rows in a Saltelli block, or 0."""
     count = len(factors)
     if count < 2:
         return 0
@@ -187,7 +187,7 @@ def saltelli_block_size(results: Results, factors: Sequence[str]) -> int:
 def sobol_indices(results: Results, metric: str, problem: Mapping[str, Any] | None = None) -> SobolIndices:
     """Sobol' indices of a metric from a study's Saltelli design.
 
-    A variant that is not ok takes its whole block out.
+    A variant that is not ok takes its block out.
 
     Args:
         results: of all rows of the design.
@@ -251,7 +251,7 @@ def surface_indices(surface: Surface, results: Results | None = None) -> SobolIn
 
 
 def _scaled_moments(surface: Surface, a: int, results: Results | None) -> tuple[float, float, float, float]:
-    """Moments of a scaled factor x: mean, variance, x^2's covariance and variance."""
+    """Moments of a scaled factor x: mean, variance, those of x^2."""
     given = results.distribution(surface.factors[a]) if results is not None else None
     found = quadrature_nodes(Factor(name="x", **given)) if given is not None else None
     if found is None:

@@ -4,12 +4,12 @@ With x the factors scaled to -1 .. 1 over the range that was run,
 
     y(x) = b + sum_i b_i x_i + sum_i b_ii x_i^2 + sum_{i<j} b_ij x_i x_j.                                    (a)
 
-With m rows, T terms, weights W and residuals e, coefficients have the covariance s_r^2 (X' W X)^-1, s_r^2 = sum w_i
-e_i^2 / (m - T). If equal runs scatter with the variance s^2,
+With m rows, T terms, weights W, residuals e and s_r^2 = sum w_i e_i^2 / (m - T), coefficients have the covariance
+s_r^2 (X' W X)^-1. If equal runs scatter with the variance s^2,
 
     F = [sum n_i e_i^2 / (m - T)] / s^2                                                                      (b)
 
-tests the surface's form. Predicted R2 leaves out each variant once (PRESS).
+tests the surface's form. Predicted R2 is of variants left out one by one (PRESS).
 """
 
 from __future__ import annotations

@@ -136,7 +136,7 @@ def _factorial_columns(axes: Iterable[DesignDimension], source: str | Path) -> d
 
 
 def _sampled_points(study: Study, count: int, source: str | Path, before: Sequence[int] = ()) -> Array:
-    """Points (rows, dimensions) of a design that is sampled."""
+    """Points (rows, dimensions) of a sampled design."""
     from scipy.stats import qmc
 
     design = study.design

@@ -25,7 +25,6 @@ Array = NDArray[np.float64]
 QUADRATURE_NODES = 80
 MOST_WHOLE_NODES = 100_000
 FARTHEST_DEVIATIONS = 12.0
-"""Deviations at which truncated normals are cut."""
 BISECTIONS = 60
 
 
@@ -38,7 +37,7 @@ class DesignDimension:
 
     @property
     def grid_size(self) -> int | None:
-        """Number of grid points in a design dimension, or None."""
+        """Number of a design dimension's grid points, or None."""
         first = self.factors[0]
         return len(first.listed_values) if first.listed_values is not None else first.points
 
@@ -236,7 +235,7 @@ class DesignCube:
             raise StudyError("factors: all are expressions; at least one must vary by itself")
 
     def rows_of_points(self, points: Array) -> list[dict[str, Any]]:
-        """Design rows, values by factor, at unit-cube points (R, D)."""
+        """Design rows at unit-cube points (R, D)."""
         inner = np.clip(points, 0.0, 1.0 - 1e-12)
         columns = {
             f.name: values_from_probabilities(f, inner[:, k]) for k, axis in enumerate(self.axes) for f in axis.factors
@@ -275,7 +274,7 @@ class DesignCube:
         return np.hstack(parts)
 
     def is_feasible(self, points: Array) -> np.ndarray:
-        """(R,) whether unit-cube points satisfy the study's constraints."""
+        """(R,) whether unit-cube points satisfy constraints."""
         if not self.study.constraints and not tied_factors(self.study):
             return np.ones(len(points), dtype=bool)
         order = tied_factors(self.study)

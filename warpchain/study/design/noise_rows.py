@@ -1,7 +1,7 @@
 """Noise rows, the same for every design, and designs crossed with them.
 
-A Latin hypercube loses its chance correlations (Iman and Conover 1982): with scores S (n, d), normal quantiles of ranks
-in random order, and T their correlation, values take the order of
+A Latin hypercube is reordered against chance correlations (Iman and Conover 1982): with scores S (n, d), normal
+quantiles of random ranks, and T their correlation, values take the order of
 
     R = S chol(T)^-T.                                                                                        (a)
 
@@ -46,12 +46,12 @@ def noise_points(study: Study, count: int, seed: int) -> Array:
 
 
 def noise_dimensions(study: Study) -> int:
-    """Number D of independent dimensions of a study's noise."""
+    """Number of independent dimensions of a study's noise."""
     return len(design_dimensions(study.noise_study))
 
 
 def noise_rows_of_normals(study: Study, u: Array) -> list[dict[str, Any]]:
-    """Noise rows, values by factor, at standard normals (R, D)."""
+    """Noise rows at standard normals (R, D)."""
     from scipy.stats import norm
 
     return noise_rows_of_points(study, np.asarray(norm.cdf(u @ noise_mixing(study).T)))
@@ -114,7 +114,7 @@ def noise_rows(study: Study) -> list[dict[str, Any]]:
 
 
 def noise_rows_of_points(study: Study, points: Array) -> list[dict[str, Any]]:
-    """Noise rows, values by factor, at unit-cube points (R, D)."""
+    """Noise rows at unit-cube points (R, D)."""
     inner = np.clip(points, 0.0, 1.0 - 1e-12)
     columns = {
         factor.name: values_from_probabilities(factor, inner[:, k])

@@ -29,7 +29,6 @@ LOCAL_DEVIATIONS = (0.15, 0.04, 0.01)
 BEST_ROWS = 6
 GAIN_DRAWS = 128
 REFERENCE_COST = 1.2
-"""Scaled cost r of (a)."""
 
 
 @dataclass(frozen=True)
@@ -122,7 +121,7 @@ def _local_points(point: Array, count: int, rng: np.random.Generator) -> Array:
 
 
 def _new_feasible_points(cube: DesignCube, candidates: Array, known: Array) -> Array:
-    """Search candidates that are feasible, each once, and new."""
+    """Search candidates that are feasible and new."""
     snapped = cube.snapped_points(candidates)
     seen = {tuple(row) for row in np.round(known, 9).tolist()}
     new = []

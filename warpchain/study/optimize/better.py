@@ -44,7 +44,7 @@ class Comparison:
         metric: whose means are compared; None is the study's only objective.
         sense: "min" or "max"; None is the objective's, or else "min".
         level: probability with which no wrong sign is stated.
-        event: change of a pair's difference by rare events, in SI units; None takes `paired.EVENT_DEVIATIONS`.
+        event: change of a difference by rare events, in SI; None takes `paired.EVENT_DEVIATIONS`.
     """
 
     metric: str | None = None
@@ -90,7 +90,7 @@ class DriveComparison:
         return self._winner_of_sign(self.found.shown_sign)
 
     def _winner_of_sign(self, sign: int) -> str | None:
-        """Better drive, "A" or "B", by a difference's sign, or None."""
+        """Better drive, "A" or "B", by a difference's sign."""
         return {1: "B", -1: "A"}.get(sign * (1 if self.sense == "max" else -1))
 
     @property

@@ -58,7 +58,6 @@ COORDINATE_REACH = 3.0
 MOST_CHECK_RUNS = 8
 PREDICTION_DRAWS = 2000
 LEAST_SPREAD = 1e-9
-"""Least prior deviation over the largest value."""
 
 
 @dataclass(frozen=True)
@@ -257,7 +256,7 @@ def mean_driver_turns(trajectory: Trajectory, part: slice) -> float:
 
 
 class CalibrationRuns:
-    """Rounds of a calibration's runs: standard normals and numbers."""
+    """Rounds of a calibration's runs: standard normals, numbers."""
 
     def __init__(self, bench: StudySession, folder: Path, rig: RigMeasurements, progress: Progress) -> None:
         self.bench, self.folder, self.rig, self.progress = bench, folder, rig, progress
@@ -270,7 +269,7 @@ class CalibrationRuns:
         self.results: Results
 
     def rows_of_normals(self, u: Array) -> list[dict[str, Any]]:
-        """Calibration rows, values by factor, at standard normals (R, D)."""
+        """Calibration rows at standard normals (R, D)."""
         return [self._held | row for row in noise_rows_of_normals(self.bench.study, u)]
 
     def run_round(self, u: Array) -> None:
@@ -381,7 +380,7 @@ def _random_samples(u: Array, count: int, rng: np.random.Generator) -> Array:
 
 
 def _directions_of_factors(found: Sequence[PosteriorDirection], mixing: Array) -> list[PosteriorDirection]:
-    """Posterior directions in factors' normal scores from independent normals'."""
+    """Posterior directions of factors from independent normals'."""
     turned = [mixing @ of.weights for of in found]
     return [PosteriorDirection(w / np.linalg.norm(w), of.left) for w, of in zip(turned, found, strict=True)]
 

@@ -76,7 +76,7 @@ class Optimizer:
         source: the study file, which errors name.
 
     Raises:
-        StudyError: a study without objectives, or with factors that have no range.
+        StudyError: no objectives, or factors without a range.
     """
 
     def __init__(self, study: Study, source: str = "study") -> None:
@@ -103,14 +103,14 @@ class Optimizer:
         """Next rows to run, values by factor.
 
         Args:
-            count: designs; None takes `optimize.batch`. The design and generations of a population come whole.
+            count: designs; None takes `optimize.batch`. The design and a population's generations come whole.
         """
         if not self._tables:
             return make_design(self.study, self._source).select([f.name for f in self.study.factors]).to_pylist()
         return crossed_rows(self._proposed_rows(count), self._noise)
 
     def _proposed_rows(self, count: int | None) -> list[dict[str, Any]]:
-        """Rows, values by factor, that the engine proposes next."""
+        """Rows that the search engine proposes next."""
         if self.settings.engine == "population":
             return self.cube.rows_of_points(self._current_population().next_generation())
         import pyarrow as pa

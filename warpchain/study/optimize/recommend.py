@@ -146,7 +146,7 @@ def recommend(results: Results, goals: Goals, most: int = 4) -> list[Recommended
     """Recommended designs: compromise, best of each objective, safe choice.
 
     Raises:
-        StudyError: no row is ok and has all metrics.
+        StudyError: no row is ok with all metrics.
     """
     return recommend_rows(results, judge_rows(results, goals), most)
 
@@ -195,7 +195,7 @@ def recommend_rows(results: Results, judged: JudgedRows, most: int = 4) -> list[
 
 
 def _simulated_rival(results: Results, judged: JudgedRows, best: int, m: int) -> str:
-    """Text on a variant simulated better than the estimated best, or ""."""
+    """Text on a variant simulated better than the estimated best."""
     run = np.where(judged.held & np.isfinite(judged.measured[:, m]), judged.measured[:, m], np.inf)
     rival = int(np.argmin(run))
     if not run[rival] < judged.measured[best, m]:
@@ -339,7 +339,7 @@ def _metric_changes(results: Results, judged: JudgedRows, before: int, after: in
 def rows_of_recommended(
     study: Study, drive: Drive, designs: Results, chosen: Sequence[RecommendedDesign]
 ) -> list[dict[str, Any]]:
-    """Study rows, values by factor, of recommended designs."""
+    """Study rows of recommended designs."""
     if not isinstance(designs, Designs):
         names = [factor.name for factor in study.factors]
         return list(designs.table.select(names).take([one.row for one in chosen]).to_pylist())

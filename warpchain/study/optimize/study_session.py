@@ -91,7 +91,7 @@ class StudySession:
 
     Args:
         folder: of rounds; None keeps rows in memory only.
-        drive: another base drive's file or example; None is the study's own.
+        drive: another base drive's file or example.
         search_target: such as "failures", if rows are no sample of the noise.
 
     Raises:
@@ -131,7 +131,7 @@ class StudySession:
         """Drives of a study's rows, adjusted to fit.
 
         Raises:
-            StudyError: a line for each row that gives no drive.
+            StudyError: a line for each row without a drive.
         """
         variants = self._built_variants(design_table_of_rows(self.study, rows))
         lines = [f"rows: row {i}: {variant.reason}" for i, variant in enumerate(variants) if variant.drive is None]
@@ -337,7 +337,7 @@ class StudySession:
 
     @check_arguments(StudyError)
     def observe(self, table: pa.Table) -> None:
-        """Adds results but today's to the optimizer; see `Optimizer.observe`."""
+        """Adds results to the optimizer, but today's; see `Optimizer.observe`."""
         self.optimizer.observe(table.filter(~added_rows(table)))
 
 

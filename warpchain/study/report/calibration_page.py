@@ -44,7 +44,7 @@ def write_calibration_page(found: Calibration) -> Path:
 
 
 def calibration_lines(found: Calibration) -> list[str]:
-    """Lines of text on a calibration's result."""
+    """Lines on a calibration's result."""
     runs, ok = len(found.results.status), int(found.results.ok.sum())
     lines = [f"{len(found.numbers)} measured numbers, {len(found.values)} unknowns, {runs} runs, {ok} of them ok"]
     for name in found.values:
@@ -291,7 +291,7 @@ def _thinned_spectrum(lines: Array, size: Array, most: float) -> tuple[Array, Ar
 
 
 def _directions_section(found: Calibration) -> html.PageSection:
-    """HTML section on posterior directions, the least identified first."""
+    """HTML section on posterior directions, least identified first."""
     words = [_direction_text(found, of) for of in found.directions]
     at = np.arange(len(words))[::-1]
     left = [100.0 * of.left for of in found.directions]
@@ -329,7 +329,7 @@ def _correlated_pair_panels(found: Calibration) -> list[Panel]:
 
 
 def _predictions_section(found: Calibration) -> html.PageSection | None:
-    """HTML section on metrics by prior and posterior, or None."""
+    """HTML section on metrics by prior and posterior."""
     if not found.predictions:
         return None
     rows, figures = [], []

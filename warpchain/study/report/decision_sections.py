@@ -205,11 +205,7 @@ def _design_html(
     wanted: ReportGoals,
     findings: Sequence[str],
 ) -> str:
-    """HTML of a recommended design, or today's.
-
-    Args:
-        findings: of `check`.
-    """
+    """HTML of a recommended design, or today's, with findings of `check`."""
     lines = []
     for name in goals.named_metrics:
         mean, deviation = one.believed[name]
@@ -263,7 +259,7 @@ def _statistic_lines(results: Results, one: RecommendedDesign) -> list[tuple[str
 
 
 def pareto_section(results: Results, objectives: Mapping[str, str], by_default: bool) -> html.PageSection | None:
-    """HTML section on the Pareto front, or None."""
+    """HTML section on the Pareto front."""
     if len(objectives) < 2:
         return None
     front, today = pareto_front(results, objectives), results.row_of_today
@@ -355,7 +351,7 @@ def explorer_data(
     """Data of rows for a report's interactive views.
 
     Args:
-        telling: factors that matter most, first.
+        telling: factors that matter most.
         wanted: limits to begin with, and the study's folder.
     """
     bounds = wanted.bounds
@@ -430,7 +426,7 @@ def write_recommended_drives(
         designs: rows that were compared, or designs over noise.
 
     Raises:
-        StudyError: a row that gives no drive, or a folder that cannot be written.
+        StudyError: a row without a drive, or a folder that refuses.
     """
     if not chosen:
         return []

@@ -175,11 +175,7 @@ def noise_panels(designs: Designs, chosen: Sequence[int], letters: Sequence[str]
 def effect_panels(
     results: Results, metric: str, found: Sequence[Effect], medians: Sequence[MedianEffect], shares: bool
 ) -> list[Panel]:
-    """Panels of a metric's means and medians over factor groups.
-
-    Args:
-        shares: whether to say what part of the variance each factor explains.
-    """
+    """Panels of a metric's means and medians over factor groups."""
     axis = ShownColumn(results, metric)
     shown = list(found)[:8]
     bars = [2.0 * np.nan_to_num(effect.errors) for effect in shown]
@@ -235,12 +231,7 @@ def effect_panels(
 def interaction_panels(
     results: Results, metric: str, found: Sequence[Effect], together: Sequence[Interaction]
 ) -> list[Panel]:
-    """Panels of a metric's means over two factors.
-
-    Args:
-        found: main effects, whose first three factors are drawn.
-        together: pairs drawn before these.
-    """
+    """Panels of a metric's means over two factors."""
     axis, panels = ShownColumn(results, metric), []
     factors = [effect.factor for effect in found if results.is_numeric(effect.factor)]
     pairs = [(one.first, one.second) for one in together if {one.first, one.second} <= set(factors)]

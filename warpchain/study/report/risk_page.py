@@ -1,4 +1,4 @@
-"""HTML page of a risk estimate: probability of failure and its interval, what fails, how, over which noise."""
+"""HTML page of a risk estimate: probability of failure, what fails, how, over which noise."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ def write_risk_page(found: RiskEstimate, page: str | Path | None = None, title: 
 
 
 def risk_lines(found: RiskEstimate) -> list[str]:
-    """Lines of text on a risk estimate."""
+    """Lines on a risk estimate."""
     results, row = found.results, _row_of_variant(found, found.variant)
     held = _named_values(found, row, [name for name in results.factors if name not in results.noise_factors])
     at = f", at {', '.join(f'{name} = {value}' for name, value in held)}" if held else ""
@@ -68,7 +68,7 @@ def risk_lines(found: RiskEstimate) -> list[str]:
 
 
 def today_lines(found: RiskEstimate) -> list[str]:
-    """Lines of text on a risk beside today's design."""
+    """Lines on a risk beside today's design."""
     if found.today is None:
         return []
     verdict = {
@@ -84,7 +84,7 @@ def today_lines(found: RiskEstimate) -> list[str]:
 
 
 def risk_warning_lines(found: RiskEstimate) -> list[str]:
-    """Lines of text on what a risk's interval does not cover."""
+    """Lines on what a risk's interval does not cover."""
     lines = []
     if isinstance(found.sampled, str) and not isinstance(found.joint, str):
         lines.append("LOOK AT: only subset simulation tells the probability; importance sampling does not check it")

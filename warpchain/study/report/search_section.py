@@ -23,7 +23,7 @@ KEEPING_NOTE = " and keep the limits as they were measured; pale dots do not."
 def search_section(
     results: Results, wanted: ReportGoals, recommended: Sequence[RecommendedDesign]
 ) -> html.PageSection | None:
-    """HTML section on the course of a search, or None."""
+    """HTML section on the course of a search."""
     if not wanted.objectives or ROUND_COLUMN not in results.table.column_names:
         return None
     measured, rounds = wanted.goals.goal_values(results), results.values(ROUND_COLUMN)

@@ -264,11 +264,7 @@ def _range_text(results: Results, metric: str) -> str:
 def _verdict_text(
     results: Results, metric: str, effects: list[Effect], pairs: list[Interaction], chance: float | None
 ) -> str:
-    """Sentence on the factor that stands out in a metric.
-
-    Args:
-        chance: scatter's part of the variance.
-    """
+    """Sentence on the factor that stands out in a metric."""
     scatter = "" if chance is None else f"scatter between equal runs makes {100.0 * chance:.0f} % of the variance"
     if not effects:
         return f"no factor varies; {scatter}." if scatter else "no factor varies."
@@ -402,7 +398,7 @@ MOST_CORRELATED = 40
 
 
 def _correlation_section(results: Results, first: tuple[str, ...], rest: str) -> html.PageSection | None:
-    """HTML section on rank correlations, or None."""
+    """HTML section on rank correlations."""
     names = tuple(dict.fromkeys((*first, *results.varying_metrics())))
     usable = tuple(m for m in names if results.usable_rows(m).sum() >= 3)
     if not results.numeric_factors() or not usable:

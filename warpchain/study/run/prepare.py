@@ -1,7 +1,4 @@
-"""Prepares a study to run: reads and checks its file, makes its rows, makes or grows its folder.
-
-Growing adds a plan: more points or replicates, or another duration or window, for which all rows run once more.
-"""
+"""Prepares a study to run: reads and checks its file, makes its rows, makes or grows its folder."""
 
 from __future__ import annotations
 
@@ -64,7 +61,6 @@ SETTLE_STEPS = 30_000
 HOST_SECONDS, MODES_SECONDS = 2e-3, 0.15
 """Core time of a row, and of modes [s]."""
 CORE_VARIANTS, GPU_VARIANTS = 8, 4224
-"""Fewest variants at once."""
 ROLLER_BYTES, VARIANT_BYTES = 500, 100_000
 
 
@@ -318,7 +314,7 @@ def is_growable(known: Study, other: Study) -> bool:
 
 
 def grow_folder(folder: StudyFolder, study: Study, source: Path, shard: int) -> StudyFolder:
-    """Study folder grown by more points, replicates, duration or window.
+    """Study folder grown by a plan: more points or replicates, another duration or window.
 
     Args:
         study: for which `is_growable` is true.

@@ -1,4 +1,4 @@
-"""Recorded variants of a study: their trajectories and objectives, and a recording to play of any variant."""
+"""Recorded variants of a study: trajectories, objectives, and a recording to play of any variant."""
 
 from __future__ import annotations
 
@@ -66,7 +66,7 @@ def recorded_trajectories(
 
 
 def worst_first_variants(results: Results, variants: Sequence[int], worst: Worst | None) -> list[int]:
-    """Recorded variants, those that the study calls worst first."""
+    """Recorded variants, the study's worst first."""
     if worst is None or worst.metric not in results.table.column_names:
         return list(variants)
     sign = -1.0 if worst.side == "largest" else 1.0

@@ -1,6 +1,6 @@
 """Drives of a study's rows: values set in the base drive, parts shifted, then adjusted so that the chain fits.
 
-A sprocket's place or the number of links is adjusted for a strain of the links, T / (k p) of a preload T.
+Adjustments reach a strain of the links, of a preload T the strain T / (k p).
 """
 
 from __future__ import annotations

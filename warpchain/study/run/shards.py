@@ -1,6 +1,6 @@
 """Simulates one shard of a study: rows become drives, drives are simulated together, results become a table.
 
-Neither the cut into shards nor a restart changes a bit of a variant's results.
+Neither the cut into shards nor a restart changes a bit of them.
 """
 
 from __future__ import annotations

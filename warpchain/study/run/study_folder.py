@@ -40,7 +40,6 @@ ARCHIVE_MARK = "study.json"
 DRIVE_TEXT_FILE = "drive-text.toml"
 REPLICATES_FILE = "replicates.parquet"
 RESUMED_COLUMN = "gone_on"
-"""Column on runs resumed from earlier ones."""
 WORST_SHARD = "worst"
 RATE_SHARDS = 20
 STATUS_REASONS = 3
@@ -197,7 +196,7 @@ class StudyFolder:
         return {"study": identities.get(stem, self.identity), "shard": shard_name(stem)}
 
     def check_archive(self, name: str) -> None:
-        """Raises StudyError for another study's archive in the folder."""
+        """Raises StudyError for another study's archive."""
         from warpchain.archive import read_archive
 
         check_archive_name(name)

@@ -1,7 +1,4 @@
-"""Tables of a study file for calibrations: measurements on a rig, and settings.
-
-The unknowns are the study's noise factors, and their distributions the priors.
-"""
+"""Tables of a study file for calibrations: measurements on a rig, and settings. The unknowns are the noise factors."""
 
 from __future__ import annotations
 

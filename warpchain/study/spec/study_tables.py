@@ -90,7 +90,7 @@ class Design(Part):
         center: number of center rows of a central composite or Plackett-Burman design.
         replicates: how often each row is run, begun in different ways; None is once.
         replicate_by: "build", "phase" or "perturbation" (`warpchain.drive.replicates`); None is "build".
-        today: also run the base drive as it is, today's design, so that pages show it beside the others.
+        today: also run the base drive as it is, today's design, for pages to show beside the others.
     """
 
     kind: Annotated[Literal[*DESIGN_KINDS], Value(_KINDS_HELP)]  # type: ignore[valid-type]

@@ -1,6 +1,6 @@
 """Gaussian process with noise (Rasmussen and Williams 2006, ch. 2 and 5), by scikit-learn.
 
-With values y of mean m and deviation s, z = (y - m) / s has the covariance
+Values of mean m and deviation s, z = (y - m) / s, have the covariance
 
     K = c^2 k(x, x') + (v + e_i^2) delta,      k: Matern 5/2 with a length for each coordinate,              (a)
 
@@ -8,7 +8,7 @@ v a fitted noise, e_i the standard error of row i. The metric, without a run's n
 
     mean k_x' K^-1 z,      variance c^2 - k_x' K^-1 k_x.                                                     (b)
 
-Row i from the others (Dubrule 1983), and draws by Matheron's rule (Wilson et al. 2020), f a sum of cosines, e of noise:
+Row i from the others (Dubrule 1983), and draws (Wilson et al. 2020), f a sum of cosines, e of noise:
 
     z_i - [K^-1 z]_i / [K^-1]_ii,      variance 1 / [K^-1]_ii,                                               (c)
     f(x) + k_x' K^-1 (z - f(X) - e).                                                                         (d)

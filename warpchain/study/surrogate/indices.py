@@ -1,7 +1,7 @@
 """Sobol' indices of a surrogate, by estimators, and the best way to a metric's indices.
 
-With rows A and B drawn independently, A_i those of A with factor i from B, and f the process's centered mean (Saltelli
-et al. 2010, table 2),
+With rows A and B drawn independently, A_i those of A with factor i from B, f the process's centered mean (Saltelli et
+al. 2010, table 2),
 
     V S_i = mean f(B) (f(A_i) - f(A)),    V T_i = mean (f(A) - f(A_i))^2 / 2,    V = var f(A, B).            (a)
 """
@@ -37,10 +37,10 @@ ROW_SETS, SET_DRAWS = 4, 25
 
 
 def best_indices(results: Results, metric: str, surrogate: Surrogate | None = None) -> tuple[SobolIndices, str]:
-    """Sobol' indices of a metric by the best way, and its words.
+    """Sobol' indices of a metric by the best way, and its name.
 
     Raises:
-        StudyError: no Saltelli design nor surrogate that can be trusted, or rows selected by their results.
+        StudyError: no Saltelli design nor trusted surrogate, or rows selected by their results.
     """
     if (left_out := LeftOut(results)).is_unranked(metric):
         lost = f"{int(left_out.left_out_rows.sum())} of {int((~left_out.unbuilt_rows).sum())} variants that ran"
@@ -65,7 +65,7 @@ def best_indices(results: Results, metric: str, surrogate: Surrogate | None = No
 
 
 def _advice_text(results: Results, metric: str) -> str:
-    """Advice on runs for Sobol' indices that no surrogate gives."""
+    """Advice on runs if no surrogate gives Sobol' indices."""
     rows = results.usable_rows(metric)
     count = int(rows.sum())
     needed = f"{TRUSTED_R2:g} is needed, and {count} variant{'s are' if count != 1 else ' is'} there"
@@ -82,7 +82,7 @@ def _advice_text(results: Results, metric: str) -> str:
 
 
 def _indices_of_surface(results: Results, metric: str, _: Surrogate | None) -> tuple[SobolIndices, str]:
-    """Sobol' indices by a trusted response surface, and words."""
+    """Sobol' indices by a trusted response surface, and its name."""
     surface = fit_surface(results, metric)
     quality = f"predicted R\u00b2 = {surface.r2_predicted:.3f}"
     if not surface.is_trusted:
@@ -92,7 +92,7 @@ def _indices_of_surface(results: Results, metric: str, _: Surrogate | None) -> t
 
 
 def _indices_of_process(results: Results, metric: str, surrogate: Surrogate | None) -> tuple[SobolIndices, str]:
-    """Sobol' indices by a trusted Gaussian process, and words."""
+    """Sobol' indices by a trusted Gaussian process, and its name."""
     model = surrogate or best_surrogate(results, metric)
     if model.kind != "gaussian":
         model = fit_surrogate(results, metric)

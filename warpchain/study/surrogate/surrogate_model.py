@@ -44,7 +44,7 @@ class FactorAxis:
         return len(self.words) or 1
 
     def coordinates_of_values(self, column: Sequence[Any]) -> Array:
-        """Surrogate coordinates (R, coordinate_count) of factor values (R,)."""
+        """Surrogate coordinates of a factor's values (R,)."""
         if self.words:
             names = [str(value) for value in column]
             for word in sorted(set(names) - set(self.words)):
