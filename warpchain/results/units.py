@@ -42,7 +42,7 @@ def display_unit_word(unit: str, *values: Any) -> tuple[str, float]:
 
 
 def distinguishing_decimals(values: Any, digits: int = 4) -> int:
-    """Number of decimals that tell displayed values apart."""
+    """Number of decimals that distinguish displayed values."""
     held = np.asarray(values, dtype=float)
     held = held[np.isfinite(held)]
     largest, spread = float(np.abs(held).max(initial=0.0)), float(np.ptp(held)) if held.size else 0.0

@@ -132,7 +132,7 @@ class Factor(Part):
         kind: "design", what an engineer chooses (default), or "noise", what nobody can: designs are compared over it.
         distribution: "uniform", "log-uniform", "normal", "truncated-normal", "lognormal" or "empirical".
         range: (low, high): the ends of a distribution, or of a grid.
-        mean, std: of a normal or lognormal distribution (of the value, not of its logarithm).
+        mean, std: those of a normal or lognormal distribution (of the value, not of its logarithm).
         sample: measured numbers of an empirical distribution, each as likely.
         file, column: a CSV or Parquet file, relative to the study file, and its column that holds them instead.
         levels: numbers in the order of a grid.
