@@ -98,7 +98,7 @@ CHANNELS = (
     Channel("valve_torque", "N m", "valve", "torque of a group of valves against forward rotation of its shaft"),
     Channel("valve_force", "N", "valve", "least force of a cam of the group on its follower"),
 )
-"""Channels in the order of archives; new ones last."""
+"""Channels in archives' order; new ones last."""
 
 CHANNEL_NAMES = tuple(channel.name for channel in CHANNELS)
 DEFAULT_CHANNELS = tuple(channel.name for channel in CHANNELS if not channel.on_request)

@@ -1,8 +1,6 @@
-"""Fatigue of links: rainflow cycles of their tension, Woehler curve, Miner damage.
+"""Fatigue of links: rainflow cycles of their tension (ASTM E1049-85, 5.4.4), Woehler curve, Miner damage.
 
-    N(D) = N_ref (D_ref / D)^m,      damage = sum over cycles n_i / N(D_i)                                    (a)
-
-for cycles of the tension range D, counted after ASTM E1049-85, 5.4.4, without correction for the mean.
+Cycles of the tension range D do the damage n_i / N(D_i), N(D) = N_ref (D_ref / D)^m, without correction for the mean.
 """
 
 from __future__ import annotations
@@ -24,7 +22,7 @@ Array = NDArray[np.float64]
 @check_arguments(SimulationError, "fatigue.")
 @dataclass(frozen=True)
 class Woehler:
-    """Woehler (S-N) curve of a link's tension, (a)."""
+    """Woehler (S-N) curve of a link's tension, N(D)."""
 
     exponent: PositiveNumber  # m [-]
     reference_range: PositiveNumber  # D_ref [N]
@@ -67,7 +65,7 @@ def count_links(tension: ArrayLike) -> list[Array]:
 
 
 def miner_damage(tension: ArrayLike, woehler: Woehler, cycles: Sequence[Array] | None = None) -> Array:
-    """Miner damage (L,) of links by their cycles, (a); 1 is failure.
+    """Miner damage (L,) of links by their cycles; 1 is failure.
 
     Args:
         tension: (F, L) of links [N].

@@ -1,7 +1,7 @@
-"""Forces on the housing, frame by frame: at hubs, bolts of guides, pivots and springs of arms, seats of tensioners.
+"""Forces on the housing, frame by frame: at hubs, guides' bolts, arms' pivots, tensioners' seats (docs/interchange.md).
 
 With F what rollers, tensioners and weight do to a body of mass m and acceleration a, its bearing passes on F - m a; a
-balance wheel adds m_b r_b (omega^2 e - alpha e'). docs/interchange.md has the loads of bolts and the levels of orders.
+balance wheel adds m_b r_b (omega^2 e - alpha e').
 """
 
 from __future__ import annotations

@@ -22,7 +22,6 @@ if TYPE_CHECKING:
     from warpchain.drive import Chain, Drive
 
 WELL_KEPT_SHARE = 0.5
-"""Proposed step over one that just suffices."""
 MOST_NAMED = 6
 MOST_REASONS = 3
 
@@ -477,7 +476,7 @@ def _first_nonfinite_columns(drives: Sequence[Drive], columns: Mapping[str, Colu
 
 
 def judgement_warning(status: Sequence[str], reason: Sequence[str]) -> str | None:
-    """Warning on variants that are not ok, or None."""
+    """Warning on variants that are neither ok nor merely interrupted, or None."""
     bad = [v for v, word in enumerate(status) if word != OK and reason[v] != UNMEASURED_REASON]
     if not bad:
         return None

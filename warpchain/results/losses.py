@@ -39,9 +39,7 @@ SLIP_LOSSES = "clutches and gear changes"
 
 
 def losses(drive: Drive, metrics: Mapping[str, Any]) -> dict[str, float]:
-    """Energy losses [J] over the window by group.
-
-    With `output_work`, `energy_change` and `energy_residual` they are the `input_work`.
+    """Energy losses [J] over the window by group: `input_work` less output, change and residual.
 
     Args:
         metrics: a variant's row.

@@ -33,7 +33,6 @@ from warpchain.results.strand_passing import strand_displacement
 Array = NDArray[np.float64]
 
 LINES_WITHIN = 2
-"""Spectral lines about an order that count."""
 
 
 class SignalSource(NamedTuple):

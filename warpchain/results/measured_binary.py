@@ -27,7 +27,6 @@ from warpchain.results.measured_columns import MeasuredColumn, MeasuredColumns, 
 MOST_SIGNAL_VALUES = 2**25
 MOST_MEMORY = 2**33
 MOST_READING_TIME = 300.0
-"""Time for reading a measured file [s]."""
 _MAT_NUMBER_CLASSES = (
     "int8",
     "uint8",
@@ -262,7 +261,6 @@ COLUMN_READERS: dict[str, Callable[[str | Path, MeasuredColumns], tuple[Measured
     ".mdf": _columns_from_mdf,
     ".tdms": _columns_from_tdms,
 }
-"""Functions that read columns, by a measured file's ending."""
 
 
 def answer_read_request() -> None:

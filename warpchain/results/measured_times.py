@@ -1,4 +1,4 @@
-"""Times of measured signals: dates and times of day as seconds, and equal, since rounded, times spread."""
+"""Times of measured signals: dates and times of day as seconds, equal times spread."""
 
 from __future__ import annotations
 

@@ -583,7 +583,6 @@ DESIGN_METRICS = (
     (MetricGroup("sprocket", (IMPACT_IMPULSE,)),),
     *((group,) for group in RESOLUTION_METRICS),
 )
-"""Metric columns that follow from others."""
 
 GroupBlocks = tuple[tuple[MetricGroup, ...], ...]
 ALL_METRICS: GroupBlocks = (
@@ -598,7 +597,6 @@ MODE_METRICS = (
     Column("frequency", "Hz", "natural frequency of a mode of the base drive, found again by its shape"),
     Column("damping_ratio", "1", "damping ratio of that mode"),
 )
-"""Metric columns of modes (`modes.NAME.frequency`)."""
 COLUMN_BY_NAME = {
     c.name: c
     for groups in (REPORT_METRICS, *ALL_METRICS, (RUN_METRICS,), RECORDED_METRICS)
@@ -623,7 +621,6 @@ def groups_of_drive(model: ChainModel, blocks: GroupBlocks = ALL_METRICS) -> lis
 CHAIN_PARTS = ("chain", "strand")
 """Parts whose metrics begin with the chain's name."""
 CHAIN_BALANCE_NAMES = ("links.dissipated",)
-"""Energy balance's metrics that chains have."""
 
 CONDITIONAL_GROUPS = tuple(group for groups in ALL_METRICS for group in groups if group.applies_to is not None)
 

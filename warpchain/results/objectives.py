@@ -1,10 +1,4 @@
-"""Objectives that need a recorded trajectory: transmission error, impact of engagement, fatigue.
-
-With theta the angles of driven sprocket s and driver d, z teeth, K the contact's stiffness, m a roller's mass:
-
-    transmission error       e(t) = theta_s - z_d theta_d / z_s, less its mean                                    (a)
-    engagement impulse       = mean over tooth passings of the integral of F over 2 pi sqrt(m / K) from first touch  (b)
-"""
+"""Objectives that need a recorded trajectory: transmission error, impact of engagement, fatigue (docs/metrics.md)."""
 
 from __future__ import annotations
 
@@ -28,7 +22,7 @@ Row = dict[str, float]
 
 
 def engagement_impulses(trajectory: Trajectory, s: int, start: float = 0.0) -> NDArray[np.float64]:
-    """Impulses (P,) [N s] of rollers engaging a sprocket, (b).
+    """Impulses (P,) [N s] of rollers' first touches on a sprocket, over 2 pi sqrt(m / K).
 
     Args:
         start: time from which touches count [s].

@@ -2,9 +2,7 @@
 
 An order is a number of oscillations a revolution of the driver. Over whole periods of even angles, its amplitude is
 
-    a_o = 2/K |sum over samples of x_k exp(-2 pi i o n_k)|,   n_k the revolutions;                              (a)
-
-in a run-up, blocks less their straight line have a Hann window's weights.
+    a_o = 2/K |sum over samples of x_k exp(-2 pi i o n_k)|,   n_k the revolutions.                              (a)
 """
 
 from __future__ import annotations

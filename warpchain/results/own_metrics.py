@@ -1,4 +1,4 @@
-"""Metrics of plug-ins: functions of a variant's drive, metrics and recorded frames, as columns of the metrics table."""
+"""Metrics of plug-ins: functions of a variant's drive, metrics and recorded frames (docs/plugins.md)."""
 
 from __future__ import annotations
 

@@ -15,7 +15,6 @@ from warpchain.model import ChainModel
 Array = NDArray[np.float64]
 
 CROTCH_GAP = 0.022
-"""Gap of a drawn plate's crotch, in pitches."""
 
 
 def _ellipse_arc(center: Any, radii: Any, begin: float, end: float, points: int) -> Array:
@@ -25,10 +24,7 @@ def _ellipse_arc(center: Any, radii: Any, begin: float, end: float, points: int)
 
 
 def plate_outline(plate: Plate, arc_points: int = 5) -> Array:
-    """Closed outline (P, 2) [m] of a silent chain's plate.
-
-    Its origin is the link's middle, y to the wheel. Back and toes are the plate's own.
-    """
+    """Closed outline (P, 2) [m] of a silent chain's plate, from its link's middle, y to the wheel."""
     radius, half = plate.tip_radius, 0.5 * plate.pitch
     begin, tip = (np.array(plate.flank_end(number)) for number in (0, 1))
     corner = np.array([plate.flank_distance - CROTCH_GAP * plate.pitch, -(TOOTH_HEIGHT + CROTCH_GAP) * plate.pitch])

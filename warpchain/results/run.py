@@ -104,7 +104,7 @@ class Trajectory:
         valve_torque: (F, V) of valve groups against forward rotation [N m].
         valve_force: (F, V) least of a group's cams [N].
         window: of the metrics, (from, to) [s]; or None.
-        chain: the one chain of the drive whose parts the channels are of; None where they are the whole drive's.
+        chain: the one chain whose parts the channels are of; None where they are the whole drive's.
     """
 
     drive: Drive

@@ -1,7 +1,4 @@
-"""Signals of shafts from recorded frames: force of the chain on hubs, and phase error of driven shafts.
-
-e = (z_s / z_d) theta_s - theta_d,  forward, from the recording's first frame; e < 0 where the camshaft lags. (a)
-"""
+"""Signals of shafts from recorded frames: force of the chain on hubs, phase error of driven shafts (docs/report.md)."""
 
 from __future__ import annotations
 
@@ -46,7 +43,7 @@ ENGINE_ORDERS = (0.5, 1.0, 1.5, 2.0, 2.5, 3.0, 4.0, 6.0, 8.0)
 
 
 def phase_error(trajectory: Trajectory, s: int) -> Array:
-    """Phase error (F,) [rad of the driver] of a sprocket, (a).
+    """Phase error (F,) [rad of the driver] of a sprocket, below 0 where it lags.
 
     Raises:
         SimulationError: recorded without sprocket angles.

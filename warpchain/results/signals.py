@@ -18,11 +18,9 @@ from warpchain.results.strand_passing import FRAMES_AT_ONCE, PassingLink, passin
 Array = NDArray[np.float64]
 
 FEWEST_TEETH = 16
-"""Teeth that an order spectrum takes."""
 
 TOOTH_PASSINGS = 4
 SPECTRUM_FLOOR = 1e-4
-"""Lower end of a spectrum's axis over its peak."""
 SPECTRUM_SPELLS = 2000
 STRAND_TENSION_TITLE, TRANSMISSION_ERROR_TITLE = "tension at mid-strand [N]", "transmission error [degrees]"
 

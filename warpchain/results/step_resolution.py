@@ -35,7 +35,7 @@ if TYPE_CHECKING:
     from warpchain.model import ChainModel
 
 BRISTLE_STIFFNESS = 0.12
-"""Stiffness of a joint's bristle, times h^2 / I."""
+"""Stiffness of a bristle, times h^2 / I."""
 
 
 def joint_resolution(of: DesignInputs) -> VariantValues:
@@ -59,7 +59,7 @@ def joint_give(of: DesignInputs) -> VariantValues:
 
 
 def partner_resolution(of: DesignInputs) -> VariantValues:
-    """Metric: steps (V,) in which friction moves a roller, (a)."""
+    """Metric: steps (V,) in which friction moves a roller, (a), or of a ramp."""
     ways = of.roller_mass * of.number_of_each(lambda model: model.chain.pitch)
     coefficients = of.number_of_each(lambda model: partner_friction_coefficients(model, of.index).larger_coefficient)
     steps = _steps_of_force(of, ways, coefficients * of["force_max"])

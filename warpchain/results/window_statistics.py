@@ -5,7 +5,7 @@ the spectrum S(w_j) times an exponential variate, and the variance of the mean i
 
     log I_j + 0.577 = b_0 + b_1 j + b_2 j^2, j = 1 to 9,       standard error = c sqrt(exp(b_0)),             (a)
 
-c by calibration. docs/chaotic-motion.md says where the error is unknown, and how a drift is found.
+c by calibration (docs/chaotic-motion.md).
 """
 
 from __future__ import annotations
@@ -27,16 +27,14 @@ MEDIAN_ERROR_RATIO = 1.075
 LEAST_ERROR_SHARE = 0.5
 
 INTERVAL_ERRORS = 3.5
-"""Standard errors of a 95 % interval, by tests on chaotic drives."""
+"""Standard errors of a 95 % interval, as measured."""
 
 SLOW_PERIODS = 7.5
-"""Periods in the window that slow sines stay below."""
+"""Most periods in the window of slow sines."""
 DETERMINATE_SHARE = 0.2
-"""Least share of ordinates beside a slow sine."""
 SINE_COUNT = 37
 
 LEAST_CHAIN_TURNS = 3.95
-"""Turns of the chain in a window with errors, at least."""
 
 LOG_BIAS = -0.577
 """Mean logarithm of an exponential variate of mean 1."""
