@@ -30,7 +30,7 @@ ARCHIVE_COLUMNS = ("archive", "archive_variant")
 ADJUSTMENT_COLUMNS = {"adjusted_links": "", "adjusted_travel": "m"}
 CHAIN_ADJUSTMENT_ENDINGS = tuple(f".{name}" for name in ADJUSTMENT_COLUMNS)
 TODAY_COLUMN = "today"
-"""Column that marks today's design: true if added to the design."""
+"""Column of today's design: true if added to the design."""
 RUN_COLUMNS = tuple(column.name for column in RUN_METRICS.columns if column.name not in ("variant", *OUTCOME_COLUMNS))
 SETTLING_COLUMNS = tuple(column.name for column in SETTLING_METRICS.columns)
 BOOKKEEPING_COLUMNS = (
@@ -48,7 +48,6 @@ Array = NDArray[np.float64]
 NOISE, TIED_NOISE = "noise", "tied noise"
 DISTRIBUTION_KEY = "distribution"
 EXPRESSION_KEY = "expression_of"
-"""Metadata key of the factors in a factor's expression."""
 SEARCH_TARGET_KEY = "search_target"
 ROUND_COLUMN = "round"
 MOST_LISTED = 12

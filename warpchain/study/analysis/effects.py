@@ -22,7 +22,6 @@ from warpchain.study.analysis.pure_error import CONFIDENCE, pure_error, student_
 from warpchain.study.results import Array, Results, is_varying
 
 MOST_GROUPS = 8
-"""Most groups of a factor of many values."""
 FEWEST_GROUP_ROWS = 5
 TRANSFORMS = ("rank", "log")
 
@@ -90,7 +89,7 @@ class Effect:
         return low, high
 
     def _f_ratio(self) -> float:
-        """F ratio of a factor's effect, eq. (a)."""
+        """F ratio of a factor's effect, (a)."""
         between, within = len(self.counts) - 1, self.row_count - len(self.counts)
         left = 1.0 - self.explained
         return self.explained / left * within / between if left > 0.0 else float("inf")

@@ -34,7 +34,7 @@ LEVEL_MESSAGE = (
 )
 NOMINAL_LEVEL = 0.98
 WAY_COSINE = 0.5
-"""Cosine of the angle between different ways to fail."""
+"""Cosine of the angle between ways to fail."""
 FARTHEST_BEYOND = 2.0
 MOST_DESIGN_POINTS = 8
 DESIGN_POINT_STEPS = 4

@@ -23,7 +23,6 @@ from warpchain.study.analysis.failure_probability import FailureEstimate, Margin
 from warpchain.study.results import Array
 
 RADIUS_SHARE = 0.95
-"""Radius r over the nearest failure's distance."""
 OUTSIDE_SHARES = (0.1, 0.2, 0.5)
 SHRINKAGES = (0.0, 0.3, 0.6, 0.8, 0.9, 1.0)
 DIRECTION_TURNS = 5

@@ -1,12 +1,4 @@
-"""Rows that an analysis leaves out, and parts of the factors' ranges that are lost with them.
-
-Factors are not ranked if more than `MOST_LEFT_OUT` of the rows that ran are left out, or if the loss depends on a
-factor or the metric, by
-
-    D = max |F_out(x) - F_in(x)|                                                                              (a)
-
-(Kolmogorov, Smirnov) or chi-square for words.
-"""
+"""Rows that an analysis leaves out, and parts of factors' ranges that are lost with them (docs/analysis.md)."""
 
 from __future__ import annotations
 
@@ -139,7 +131,7 @@ def _lost_range(
     out, rest = np.sort(values[lost & known]), np.sort(values[others & known])
     levels = np.unique(np.concatenate([out, rest]))
     below = [np.searchsorted(of, levels, side="right") for of in (out, rest)]
-    gap = below[0] / max(len(out), 1) - below[1] / max(len(rest), 1)  # of (a); 0 at the highest level
+    gap = below[0] / max(len(out), 1) - below[1] / max(len(rest), 1)  # F_out - F_in; 0 at the highest level
     at = int(np.argmax(np.abs(gap)))
     low, high = (0, at) if gap[at] > 0.0 else (min(at + 1, len(levels) - 1), len(levels) - 1)
     ends = [quantity_words(float(levels[k]), "" if unit == "-" else unit, digits=5) for k in (low, high)]
@@ -169,7 +161,7 @@ def _lost_part(name: str, part: str, within: list[int], totals: list[int], chanc
 
 
 def _distribution_chance(out: Array, rest: Array) -> float:
-    """Chance that rows left out and kept differ so, (a)."""
+    """Chance that rows left out and kept differ so (Kolmogorov, Smirnov)."""
     from scipy.stats import ks_2samp
 
     if not len(out) or not len(rest):

@@ -112,7 +112,7 @@ def mean_difference(differences: Array, level: float, event: float | None = None
     """Mean of paired differences (n,), with its interval.
 
     Args:
-        level: of the interval, eq. (b), and of the sign.
+        level: of the interval, (b), and of the sign.
         event: change of a difference by rare events.
     """
     n, mean, deviation = len(differences), float(differences.mean()), float(differences.std(ddof=1))

@@ -19,7 +19,6 @@ from warpchain.study.spec.study_tables import Bound, Objective
 SENSE_SIGNS = {"min": 1.0, "max": -1.0}
 FRONT_DRAWS = 400
 HOPELESS_ERRORS = 4.0
-"""Standard errors off the Pareto front without a chance."""
 
 
 def is_non_dominated(costs: NDArray[np.float64]) -> NDArray[np.bool_]:

@@ -5,11 +5,9 @@ With x the factors scaled to -1 .. 1 over the range that was run,
     y(x) = b + sum_i b_i x_i + sum_i b_ii x_i^2 + sum_{i<j} b_ij x_i x_j.                                    (a)
 
 With m rows, T terms, weights W, residuals e and s_r^2 = sum w_i e_i^2 / (m - T), coefficients have the covariance
-s_r^2 (X' W X)^-1. If equal runs scatter with the variance s^2,
+s_r^2 (X' W X)^-1. If equal runs scatter with the variance s^2, the surface's form is tested by
 
-    F = [sum n_i e_i^2 / (m - T)] / s^2                                                                      (b)
-
-tests the surface's form. Predicted R2 is of variants left out one by one (PRESS).
+    F = [sum n_i e_i^2 / (m - T)] / s^2.                                                                     (b)
 """
 
 from __future__ import annotations
@@ -37,7 +35,7 @@ class Surface:
         powers: (T, A) exponent of each scaled factor in each term.
         coefficients: (T,) b of (a), in the metric's unit.
         r2: explained part of the variance [-].
-        r2_predicted: predicted part [-]; can be negative.
+        r2_predicted: part predicted of variants left out one by one [-]; can be negative.
         weights: (N,) of variants.
         covariance: (T, T) of the coefficients.
         freedom: degrees of freedom; 0 for as many terms as variants.

@@ -2,7 +2,7 @@
 
     A/  B/   folders of the runs of each drive: their n-th rows are a pair, with the same noise
 
-Design factors are held at each drive's values. A comparison can be resumed.
+Design factors are held at each drive's values.
 """
 
 from __future__ import annotations

@@ -1,14 +1,11 @@
-"""`warpchain calibrate`: posterior of a drive's unknowns given measurements on a rig.
+"""`warpchain calibrate`: posterior of a drive's unknowns given measurements on a rig (docs/calibration.md).
 
-    study.toml  drive.toml      the study and its base drive
-    rounds/NNNN/                a round of runs, all recorded
-    rounds/NNNN/normals.parquet its rows as standard normals
-    results.parquet             all runs
-    posterior.csv               samples of the unknowns
-    calibrated.toml             the drive at the posterior's means
-
-The first round is spread over the prior, each next drawn from the posterior by Gaussian processes; the last only checks
-these.
+study.toml  drive.toml      the study and its base drive
+rounds/NNNN/                a round of runs, all recorded
+rounds/NNNN/normals.parquet its rows as standard normals
+results.parquet             all runs
+posterior.csv               samples of the unknowns
+calibrated.toml             the drive at the posterior's means
 """
 
 from __future__ import annotations

@@ -1,7 +1,6 @@
-"""`warpchain optimize`: rounds of rows in a folder up to the count, then recommended designs.
+"""`warpchain optimize`: rounds of rows in a folder up to the count, then recommended designs (docs/optimization.md).
 
-docs/optimization.md lists the folder's files. The next rows follow from those before, bit by bit, so that a search can
-be resumed.
+The next rows follow from those before, bit by bit, so that a search can be resumed.
 """
 
 from __future__ import annotations

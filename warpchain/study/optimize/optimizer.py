@@ -1,4 +1,4 @@
-"""Optimizer: search for a study's next rows by ask and observe, from the rows that were run."""
+"""Optimizer: search for a study's next rows by ask and observe."""
 
 from __future__ import annotations
 

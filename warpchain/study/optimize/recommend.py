@@ -1,7 +1,4 @@
-"""Recommended designs out of the rows that were run, with estimates of their metrics and reasons.
-
-Rows that were run once are compared by surrogates. With noise, rows are designs and metrics statistics of their runs.
-"""
+"""Recommended designs out of the rows that were run, with estimates and reasons (docs/optimization.md)."""
 
 from __future__ import annotations
 

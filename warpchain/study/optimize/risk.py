@@ -1,13 +1,11 @@
 """`warpchain risk`: probability that a drive breaks a limit on a metric over its noise, and the likeliest ways.
 
-    study.toml  drive.toml   the study and its base drive
-    rounds/NNNN/             a batch of runs
-    results.parquet          all runs, marked as no sample of the noise
-    risk.json                the estimates
-    played/                  a recording of the most likely way to fail
-    today/                   the same of the study's own drive, beside another
-
-An estimate can be resumed.
+study.toml  drive.toml   the study and its base drive
+rounds/NNNN/             a batch of runs
+results.parquet          all runs, marked as no sample of the noise
+risk.json                the estimates
+played/                  a recording of the most likely way to fail
+today/                   the same of the study's own drive, beside another
 """
 
 from __future__ import annotations

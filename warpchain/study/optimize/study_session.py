@@ -1,7 +1,4 @@
-"""A study to work with in Python: its rows as drives, its rows run in rounds, its surrogates and search.
-
-Rows with the same drive and settings are run once.
-"""
+"""A study to work with in Python: its rows as drives, its rows run in rounds, its surrogates and search."""
 
 from __future__ import annotations
 
@@ -158,7 +155,6 @@ class StudySession:
         """Table of results of study rows, run if new.
 
         Args:
-            rows: values by factor.
             progress: True shows a bar; a function is called as that of `run_study`.
 
         Raises:

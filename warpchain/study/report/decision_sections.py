@@ -348,12 +348,7 @@ def explorer_data(
     wanted: ReportGoals,
     recommended: Sequence[RecommendedDesign],
 ) -> dict[str, Any]:
-    """Data of rows for a report's interactive views.
-
-    Args:
-        telling: factors that matter most.
-        wanted: limits to begin with, and the study's folder.
-    """
+    """Data of rows for a report's interactive views, `telling` factors first."""
     bounds = wanted.bounds
     names = tuple(dict.fromkeys((*results.factors, *objectives, *(b.metric for b in bounds), *metrics)))
     axes = {name: ShownColumn(results, name) for name in names}

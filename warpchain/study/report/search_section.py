@@ -1,4 +1,4 @@
-"""Section of a study's report on a search: best values over the evaluations, and places that were sampled."""
+"""Section of a study's report on a search: best values over evaluations, and sampled places."""
 
 from __future__ import annotations
 

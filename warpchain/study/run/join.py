@@ -1,7 +1,4 @@
-"""Joins several studies' folders to one: the rows of all, each once, numbered through; the folders stay as they are.
-
-They must have one drive, the same factors in any range, and the same run settings.
-"""
+"""Joins several studies' folders to one: the rows of all, each once, numbered through; the folders stay as they are."""
 
 from __future__ import annotations
 
@@ -201,6 +198,8 @@ def join_studies(
     memory: int = MEMORY,
 ) -> JoinedStudies:
     """Joins studies' folders into a new one; returns its status.
+
+    They must have one drive, the same factors in any range, and the same run settings.
 
     Args:
         folders: two or more, finished or not.

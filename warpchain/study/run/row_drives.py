@@ -1,7 +1,4 @@
-"""Drives of a study's rows: values set in the base drive, parts shifted, then adjusted so that the chain fits.
-
-Adjustments reach a strain of the links, of a preload T the strain T / (k p).
-"""
+"""Drives of a study's rows: values set in the base drive, parts shifted, then adjusted so that the chain fits."""
 
 from __future__ import annotations
 
@@ -224,7 +221,7 @@ def _drives_with_moved_sprocket(
 
 
 def _assembly_strain(drive: Drive, key: str, adjust: Adjust, row: Mapping[str, Any]) -> float:
-    """Strain at assembly [-] that a row wants."""
+    """Strain at assembly [-] that a row wants, or that of its preload."""
     name, asked = ("strain", adjust.strain) if adjust.strain is not None else ("preload", adjust.preload)
     try:
         value = evaluate_expression(asked, row) if isinstance(asked, str) else asked

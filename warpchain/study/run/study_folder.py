@@ -36,7 +36,6 @@ if TYPE_CHECKING:
     from warpchain.study.spec import Study
 
 ARCHIVE_MARK = "study.json"
-"""Archive's attachment on its study and shard."""
 DRIVE_TEXT_FILE = "drive-text.toml"
 REPLICATES_FILE = "replicates.parquet"
 RESUMED_COLUMN = "gone_on"

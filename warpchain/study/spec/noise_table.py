@@ -1,7 +1,4 @@
-"""Table `noise` of a study file, and names of statistics of metrics over it: "mean(M)", "std(M)", "q95(M)".
-
-A metric alone means its mean if it is an objective; a limit on it is one that each run keeps.
-"""
+"""Table `noise` of a study file, and names of statistics of metrics over it: "mean(M)", "std(M)", "q95(M)"."""
 
 from __future__ import annotations
 
