@@ -60,7 +60,7 @@ class Forecast:
 
     @property
     def run_count(self) -> int:
-        """Number of runs forecast, infeasible ones among them."""
+        """Number of runs forecast, infeasible ones too."""
         return self.rows * self.copies
 
     @property

@@ -114,7 +114,7 @@ class Results:
 
     @property
     def adjustment_columns(self) -> tuple[str, ...]:
-        """Names of columns that `[adjust]` chose, for each chain."""
+        """Names of the columns of adjustments."""
         names = self.table.column_names
         return tuple(n for n in names if n in ADJUSTMENT_COLUMNS or n.endswith(CHAIN_ADJUSTMENT_ENDINGS))
 
