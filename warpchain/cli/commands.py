@@ -29,7 +29,7 @@ def resumable_command(kept: str) -> Callable[[CommandBody], CommandBody]:
     `kept` is what is kept then, with its verb.
     """
 
-    def wrap(run: CommandBody) -> CommandBody:
+    def make_resumable(run: CommandBody) -> CommandBody:
         """Command that can be resumed, made of its body."""
 
         @wraps(run)
@@ -46,7 +46,7 @@ def resumable_command(kept: str) -> Callable[[CommandBody], CommandBody]:
 
         return command
 
-    return wrap
+    return make_resumable
 
 
 def _print_lines(lines: Iterable[str]) -> int:

@@ -46,12 +46,12 @@ INSTRUCTIONS = (
 def add_mcp_command(commands: Any) -> None:
     """Adds `warpchain mcp` to the command line, whose other commands are its tools."""
 
-    def run(arguments: argparse.Namespace) -> int:
+    def mcp_command(arguments: argparse.Namespace) -> int:
         """Body of `warpchain mcp`: serves an assistant."""
         return serve_assistant(commands.choices, arguments.write)
 
     text = "give an assistant tools over the Model Context Protocol, on standard input and output (docs/assistants.md)"
-    parser = add_command(commands, "mcp", run, text, "warpchain mcp --write drives")
+    parser = add_command(commands, "mcp", mcp_command, text, "warpchain mcp --write drives")
     text = "folder that all its outputs must be in, and that it starts in; without it, it writes nothing"
     parser.add_argument("--write", metavar="FOLDER", type=Path, help=text)
 
@@ -93,14 +93,14 @@ def serve_assistant(commands: Parsers, write: Path | None) -> int:
         except (WarpchainError, OSError, ValueError) as error:  # also a word that no process can be given
             return CallToolResult(content=[TextContent(text=f"warpchain: error: {error}")], is_error=True)
 
-    async def serve() -> None:
+    async def serve_until_end() -> None:
         """Serves the assistant until standard input ends."""
         given: Any = {"instructions": INSTRUCTIONS, "on_list_tools": list_tools, "on_call_tool": call_tool}
         server: Server[Any] = Server("warpchain", version=installed_version(), **given)
         async with stdio_server() as (received, sent):
             await server.run(received, sent, server.create_initialization_options())
 
-    anyio.run(serve)
+    anyio.run(serve_until_end)
     return DONE
 
 

@@ -66,13 +66,13 @@ def _nearest_eigenpairs(m: sp.csc_array, c: sp.csc_array, k: sp.csc_array, count
     factor = splu((k + EIGENVALUE_SHIFT * c + EIGENVALUE_SHIFT**2 * m).tocsc())
     drag = (c + EIGENVALUE_SHIFT * m).tocsr()
 
-    def apply(vector: Array) -> Array:
+    def apply_inverse(vector: Array) -> Array:
         """Vector (2 n,) times the shifted, inverted pencil."""
         first, second = vector[:n], m @ vector[n:]
         x = -factor.solve(second + drag @ first)
         return np.concatenate([x, first + EIGENVALUE_SHIFT * x])
 
-    inverse = LinearOperator((2 * n, 2 * n), matvec=apply, dtype=np.float64)
+    inverse = LinearOperator((2 * n, 2 * n), matvec=apply_inverse, dtype=np.float64)
     start = np.random.default_rng(0).standard_normal(2 * n)
     value, vector = eigs(inverse, k=count, v0=start, ncv=min(2 * n - 1, max(3 * count, 60)), maxiter=2000)
     return EIGENVALUE_SHIFT + 1.0 / value, vector

@@ -81,7 +81,7 @@ class Limits(Part):
 NumberOfEach = Callable[..., NDArray[np.float64]]
 """Function that gives a number of each drive (V,)."""
 ColumnValues = tuple[NDArray[Any], NDArray[np.bool_]]
-"""Values of a metric column (V,), and its nulls."""
+"""Values of a metric column (V,), and nulls."""
 
 
 @dataclass(frozen=True)

@@ -14,7 +14,7 @@ from warpchain.errors import SimulationError
 
 Array = NDArray[np.float64]
 MeasuredColumn = tuple[str, str, Array]
-"""Name, unit and values (K,) of a measured column."""
+"""Measured column: name, unit and values (K,)."""
 
 
 @dataclass(frozen=True)

@@ -28,7 +28,6 @@ if TYPE_CHECKING:
     from warpchain.model import ChainModel
 
 STEP_KEY = "run.step"
-"""Key of the step [s] among `DesignInputs`."""
 VariantValues = Any
 """Numbers (V,), one for all, or their column."""
 
@@ -344,13 +343,13 @@ def rated_use(of: DesignInputs) -> VariantValues:
     moment, speed = (of.metrics[f"{name}.{column}"].values for column in ("moment_mean", "speed_mean"))
     moves = speed != 0.0
 
-    def rated(model: ChainModel, speed: Any) -> Any:
+    def rated_power_at_speed(model: ChainModel, speed: Any) -> Any:
         """Rated power [W] at the driver's speed [rad/s]."""
         teeth = model.sprockets[smallest_driven(model)].teeth
         assert model.chain.size is not None  # the metric's own condition
         return rated_power(model.chain.size, teeth, speed * model.sprockets[model.driver].teeth / teeth).least
 
-    power = number_of_each_drive(of.models, of.stacks, rated, np.where(moves, np.abs(speed), 1.0))
+    power = number_of_each_drive(of.models, of.stacks, rated_power_at_speed, np.where(moves, np.abs(speed), 1.0))
     return mask_absent(moves, np.abs(moment * speed) / power)
 
 

@@ -132,7 +132,7 @@ def guide_arm_tensioner_parts(model: ChainModel, pose: DrivePose) -> list[Outlin
 
 
 def tooth_outline(model: ChainModel, s: int, arc_points: int = 9) -> Array:
-    """Closed outline (P, 2) [m] of teeth, or of an end."""
+    """Closed outline (P, 2) [m] of a sprocket's teeth, or an end."""
     if model.sprockets[s].is_end:
         turn = np.linspace(0.0, 2.0 * math.pi, 12 * arc_points + 1)
         return (model.sprockets[s].rim or model.chain.roller_radius) * np.stack([np.cos(turn), np.sin(turn)], axis=1)

@@ -24,7 +24,6 @@ DISPLAY_UNITS: dict[str, tuple[tuple[float, str, float], ...]] = {
     "Pa": ((0.0, "Pa", 1.0), (1e3, "kPa", KILO), (1e6, "MPa", MEGA), (1e9, "GPa", GIGA)),
     "Hz": ((0.0, "Hz", 1.0), (1e3, "kHz", KILO)),
 }
-"""Display units of SI units: least value, unit, factor."""
 
 
 def display_unit(unit: str, *values: Any) -> tuple[str, float]:

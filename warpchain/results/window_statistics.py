@@ -37,7 +37,6 @@ SINE_COUNT = 37
 LEAST_CHAIN_TURNS = 3.95
 
 LOG_BIAS = -0.577
-"""Mean logarithm of an exponential variate of mean 1."""
 LEAST_ORDINATE_SHARE = 1e-12
 
 MOST_CORRELATION = 0.9
@@ -174,7 +173,11 @@ def _extrapolation_weights() -> Array:
 
 
 def window_drift(means: Array) -> tuple[Array, Array]:
-    """Drift of batch means over the window, and its chance by Student's t."""
+    """Drift of batch means over the window, and its chance.
+
+    The variance is that of independent residuals, times (1 + r) / (1 - r), r >= 0 their lag correlation; drift over
+    error is Student's t of P - 2.
+    """
     count = means.shape[-1]
     place = np.arange(count) - 0.5 * (count - 1)
     square = float((place * place).sum())

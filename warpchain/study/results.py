@@ -55,7 +55,7 @@ MOST_METRICS = 6
 
 
 def search_target_of(table: pa.Table) -> str:
-    """Target of a table's search for rows, or ""."""
+    """Target of the search that chose a table's rows, or ""."""
     noted = ((field.metadata or {}).get(SEARCH_TARGET_KEY.encode(), b"") for field in table.schema)
     return next((word.decode() for word in noted if word), "")
 
@@ -149,7 +149,7 @@ class Results:
         return common_reasons((self.status[row], self.reason(row)) for row in rows)
 
     def reason(self, row: int) -> str:
-        """Reason for which a row is not ok."""
+        """Reason why a row of results is not ok."""
         held = self.table["reason"][row].as_py() if "reason" in self.table.column_names else None
         return held or "no reason given"
 
@@ -166,7 +166,7 @@ class Results:
             )
 
     def values(self, name: str) -> Array:
-        """Values (R,) of a numeric column, NaN if empty.
+        """Values (R,) of a numeric results column, NaN if empty.
 
         Raises:
             StudyError: no such column, or not of numbers.

@@ -133,7 +133,7 @@ def mean_difference(differences: Array, level: float, event: float | None = None
 
 
 def _level_of_half(level: float) -> float:
-    """Confidence level of half the alpha of a level."""
+    """Confidence level whose alpha is half a level's."""
     return 0.5 * (1.0 + level)
 
 

@@ -24,7 +24,6 @@ NumbersModel = Callable[[Array], tuple[Array, Array]]
 """Model from unknowns (R, D) to mean and variance (R, J)."""
 WALKERS, CHUNK_STEPS, MOST_STEPS = 64, 50, 10_000
 WARM_UP = 5.0
-"""First steps that are dropped, in autocorrelation times."""
 ENOUGH_SAMPLES = 1000
 PRIOR_DRAWS = 2048
 UNIDENTIFIED_SHARE = 0.7

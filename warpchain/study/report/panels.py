@@ -331,7 +331,7 @@ def _middle_row(results: Results, surrogate: Surrogate) -> dict[str, Any]:
 
 
 def _dot_rows(rows: NDArray[np.bool_]) -> NDArray[np.intp]:
-    """At most `MOST_DOTS` of the rows, evenly spaced."""
+    """Numbers of rows that a panel's dots show, evenly spaced."""
     held = np.flatnonzero(rows)
     return held[np.unique(np.linspace(0, len(held) - 1, min(len(held), MOST_DOTS)).astype(int))] if len(held) else held
 

@@ -46,7 +46,6 @@ START_DEFAULTS: Mapping[str, Any] = {"phase": 0.0}
 FREE_RUN_KEYS = ("shard", "device", "keep_states")
 GOAL_FIELDS = ("objectives", "bounds", "optimize")
 SPREAD_KEYS = ("range", "levels", "choice", "points", "distribution", "mean", "std", "sample", "group")
-"""Keys of factors in which joined studies may differ."""
 ROWS_FILE, MERGED_FILE = "rows.parquet", "merged.parquet"
 RowCopy = tuple[int, int]
 

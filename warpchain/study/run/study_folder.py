@@ -95,12 +95,12 @@ class StudyFolder:
 
     @property
     def run_count(self) -> int:
-        """Number of runs of all shards."""
+        """Number of runs in the folder's shards."""
         return sum(part.run_count for part in self.plans)
 
     @property
     def copies(self) -> int:
-        """Number of runs of each row."""
+        """Number of runs of each row in the folder."""
         return self.study.design.copies
 
     def plan_of_shard(self, shard: int) -> ShardPlan:
@@ -142,7 +142,7 @@ class StudyFolder:
         return self.table_path(shard).exists()
 
     def shard_run_count(self, shard: int) -> int:
-        """Number of runs of a shard."""
+        """Number of runs in a shard."""
         return self.plan_of_shard(shard).shard_run_count(shard)
 
     def shard_runs(self, shard: int) -> tuple[Indices, Indices]:

@@ -89,7 +89,7 @@ def _varied_metrics(run: Run) -> Values:
 def _most_correlated_inputs(inputs: Values, metrics: Values) -> list[str]:
     """Names of varied inputs that correlate most with any metric."""
 
-    def correlation(values: NDArray[np.float64]) -> float:
+    def largest_correlation(values: NDArray[np.float64]) -> float:
         """Largest correlation of an input (V,) with any metric."""
         best = 0.0
         for other in metrics.values():
@@ -98,5 +98,5 @@ def _most_correlated_inputs(inputs: Values, metrics: Values) -> list[str]:
                 best = max(best, abs(float(np.corrcoef(values[both], other[both])[0, 1])))
         return best
 
-    ranked = sorted(inputs, key=lambda name: -correlation(inputs[name]))[:MOST_INPUTS]
+    ranked = sorted(inputs, key=lambda name: -largest_correlation(inputs[name]))[:MOST_INPUTS]
     return [name for name in inputs if name in ranked]
