@@ -74,7 +74,7 @@ def _progress_text(found: DriveComparison) -> str:
 
 
 def _difference_text(found: DriveComparison) -> str:
-    """Text of two compared drives' mean difference, with its interval."""
+    """Text on how much better a drive is: mean difference with its interval."""
     from warpchain.results.units import quantity_words
 
     of = found.found
@@ -142,7 +142,7 @@ def _decision_text(found: DriveComparison) -> str:
 
 
 def _rare_event_text(found: DriveComparison) -> str:
-    """Sentence on rare events that the compared pairs may have missed."""
+    """Sentence of `warpchain better` on rare events that the pairs may have missed."""
     from warpchain.results.units import quantity_words
 
     of = found.found

@@ -57,7 +57,7 @@ def _print_lines(lines: Iterable[str]) -> int:
 
 
 def _value_from_word(word: str) -> Any:
-    """Value of --set as TOML, else a text."""
+    """Value of a command's --set as TOML, else a text."""
     import tomllib
 
     try:
@@ -99,7 +99,7 @@ def check_command(arguments: argparse.Namespace) -> int:
 
 
 def _defaults_of_file(arguments: argparse.Namespace) -> dict[str, Any]:
-    """Values that the arguments' drive file leaves out, by key path."""
+    """Values that a command's drive file leaves out, by key path."""
     from warpchain.drive import read_drive_text, toml
     from warpchain.drive.defaults import default_values
     from warpchain.drive.examples import drive_path
@@ -303,7 +303,7 @@ def _run_lines(drive: Drive, run: Run, archive: Path) -> Iterator[str]:
 
 
 def _own_metric_lines(row: dict[str, Any]) -> Iterator[str]:
-    """Lines on a run's metrics of plug-ins."""
+    """Lines of `warpchain run` on metrics of plug-ins."""
     from warpchain.results.metric_columns import OWN_COLUMNS
     from warpchain.results.units import quantity_words
 
@@ -323,7 +323,7 @@ def _run_json(drive: Drive, run: Run, arguments: argparse.Namespace) -> Iterator
 
 
 def _channels_from_words(words: list[str]) -> tuple[str, ...]:
-    """Channels that words of --channels name, each once; "default" is those not on request."""
+    """Channels that words of `run --channels` name, each once; "default" is those not on request."""
     from warpchain.results.channels import CHANNEL_NAMES, DEFAULT_CHANNELS
 
     for word in words:
@@ -333,7 +333,7 @@ def _channels_from_words(words: list[str]) -> tuple[str, ...]:
 
 
 def _limits_from_words(words: list[str]) -> Any:
-    """Limits that a run is judged by, from words KEY=VALUE."""
+    """Limits that `warpchain run` judges by, from words KEY=VALUE."""
     from warpchain.results.judgement import Limits
 
     changes = {}
@@ -349,7 +349,7 @@ def _limits_from_words(words: list[str]) -> Any:
 
 
 def _engaged_text(drive: Any, sprocket: Any, contacts: int) -> str:
-    """Text of rollers, or of links' flanks, that a sprocket engaged."""
+    """Text of `warpchain run` on rollers, or links' flanks, that a sprocket engaged."""
     from warpchain.drive.parts_by_chain import chain_of_part
 
     chain = chain_of_part(drive, sprocket)
@@ -358,7 +358,7 @@ def _engaged_text(drive: Any, sprocket: Any, contacts: int) -> str:
 
 
 def _run_summary(drive: Any, row: dict[str, Any], seconds: float) -> list[str]:
-    """Lines in short on a run: tension, sprockets, energy, losses, status."""
+    """Lines of `warpchain run` in short: tension, sprockets, energy, losses, status."""
     from warpchain.results.judgement import START_ENERGY_CHANGE
     from warpchain.results.losses import losses
     from warpchain.results.units import quantity_words
@@ -411,7 +411,7 @@ def _run_summary(drive: Any, row: dict[str, Any], seconds: float) -> list[str]:
 
 
 def _run_loss_lines(drive: Drive, row: dict[str, Any]) -> list[str]:
-    """Line on a run's losses by group: power, and share of the input."""
+    """Line of `warpchain run` on losses by group: power, and share of the input."""
     from warpchain.results.losses import loss_shares
     from warpchain.results.units import quantity_words
 
@@ -431,7 +431,7 @@ def _run_loss_lines(drive: Drive, row: dict[str, Any]) -> list[str]:
 
 
 def _run_status_lines(row: dict[str, Any]) -> list[str]:
-    """Lines on a run's status and reasons."""
+    """Lines of `warpchain run` on a run's status and reasons."""
     first, *further = row["reason"].split("; ")
     return [f"status: {row['status']}" + (f": {first}" if first else ""), *(f"  and: {reason}" for reason in further)]
 

@@ -31,7 +31,7 @@ def draw_drive(drive: Drive, path: Path) -> None:
 
 
 def check_picture_ending(path: Path) -> None:
-    """Raises WarpchainError for a picture's name without .png or .svg."""
+    """Raises WarpchainError for a picture to draw without .png or .svg."""
     from warpchain.view.figures.figure_style import FIGURE_KINDS
 
     if path.suffix[1:] not in FIGURE_KINDS:
@@ -85,7 +85,7 @@ def _draw_lines_or_errors(load: Callable[[], Drive], path: Path) -> list[str]:
 
 
 def _file_state(file: Path) -> tuple[int, int, int] | None:
-    """State of a watched drive file, new after each save, or None."""
+    """State of a drive file watched to be drawn, new after each save, or None."""
     try:
         now = file.stat()
     except OSError:

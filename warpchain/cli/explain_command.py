@@ -77,7 +77,7 @@ def _name_lines(name: str) -> Iterator[str]:
 
 
 def _tables_by_description(key: str) -> dict[str, list[str]]:
-    """Tables of drive and study files that have a key, by its description."""
+    """Tables of drive and study files that have a key to explain, by its description."""
     found: dict[str, list[str]] = {}
     for kind, table in _table_schemas().items():
         if key in table.get("properties", {}):
@@ -87,7 +87,7 @@ def _tables_by_description(key: str) -> dict[str, list[str]]:
 
 @cache
 def _table_schemas() -> dict[str, Any]:
-    """JSON schemas of drive and study files' tables, by kind."""
+    """JSON schemas of drive and study files' tables to explain, by kind."""
     from warpchain.drive.json_schema import drive_schema
     from warpchain.study.spec import study_schema
 

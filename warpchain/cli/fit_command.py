@@ -96,7 +96,7 @@ def fit_drive_file(arguments: Namespace) -> list[str]:
 
 
 def _check_wrap(arguments: Namespace, moving: bool) -> None:
-    """Raises DriveError for a wanted wrap that moves no sprocket, or is decided already."""
+    """Raises DriveError for a wrap to fit that moves no sprocket, or is decided already."""
     if arguments.wrap is None and arguments.around is not None:
         raise DriveError("--around: needs --wrap")
     if arguments.wrap is not None and not moving:
@@ -118,7 +118,7 @@ def _wanted_arm_angle(drive: Drive, arguments: Namespace) -> dict[str, float] | 
 
 
 def _direction_from_word(word: str) -> list[float]:
-    """Direction (x, y) from a word of --along."""
+    """Direction (x, y) from a word of `fit --along`."""
     try:
         direction = [float(part) for part in word.split(",")]
     except ValueError:
@@ -191,5 +191,5 @@ def _chain_fit_lines(model: ChainModel) -> list[str]:
 
 
 def _sags_text(model: ChainModel, sags: Mapping[int, float]) -> str:
-    """Text of sags [m] of a fitted chain, by strand."""
+    """Text of a fit's sags [m], by strand."""
     return ", ".join(f"{model.strand_names[k]} {1e3 * sag:.3g} mm" for k, sag in sags.items())

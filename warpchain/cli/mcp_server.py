@@ -81,11 +81,11 @@ def serve_assistant(commands: Parsers, write: Path | None) -> int:
     parsers = {name: _command_parser(commands, words) for name, words in TOOLS.items()}
 
     async def list_tools(*_: Any) -> ListToolsResult:
-        """Tools for the assistant, with the schemas of their arguments."""
+        """MCP tools for the assistant, with the schemas of their arguments."""
         return ListToolsResult(tools=[_described_tool(name, of, write is None) for name, of in parsers.items()])
 
     async def call_tool(_: Any, asked: Any) -> CallToolResult:
-        """Result of a tool's call, an error in the command line's words."""
+        """Result of an MCP tool's call, an error in the command line's words."""
         try:
             if asked.name not in parsers:
                 raise WarpchainError(f"{asked.name}: no such tool; allowed are {', '.join(parsers)}")
@@ -105,7 +105,7 @@ def serve_assistant(commands: Parsers, write: Path | None) -> int:
 
 
 def _command_parser(commands: Parsers, words: tuple[str, ...]) -> argparse.ArgumentParser:
-    """Parser of a tool's command, or of one below it."""
+    """Parser of an MCP tool's command, or of one below it."""
     parser = commands[words[0]]
     for word in words[1:]:
         parser = next(action.choices[word] for action in parser._actions if isinstance(action.choices, dict))
@@ -113,7 +113,7 @@ def _command_parser(commands: Parsers, words: tuple[str, ...]) -> argparse.Argum
 
 
 def _described_tool(name: str, parser: argparse.ArgumentParser, read_only: bool) -> Tool:
-    """Tool with its command's help and the schema of its arguments."""
+    """MCP tool with its command's help and the schema of its arguments."""
     from mcp.types import Tool, ToolAnnotations
 
     said, schema = f"{parser.description}\n{parser.epilog}", arguments_schema(parser)
@@ -124,12 +124,12 @@ def _described_tool(name: str, parser: argparse.ArgumentParser, read_only: bool)
 
 
 def _shown_actions(parser: argparse.ArgumentParser) -> dict[str, argparse.Action]:
-    """Arguments of a command that its tool has, by name."""
+    """Arguments of a command that its MCP tool has, by name."""
     return {action.dest: action for action in parser._actions if action.dest not in HIDDEN}
 
 
 def arguments_schema(parser: argparse.ArgumentParser) -> dict[str, Any]:
-    """JSON schema of a tool's arguments, from its command's parser."""
+    """JSON schema of an MCP tool's arguments, from its command's parser."""
     properties, required = dict[str, Any](), list[str]()
     for dest, action in _shown_actions(parser).items():
         kind: dict[str, Any] = {"type": "string" if action.type in (None, Path) else ["number", "string"]}
@@ -145,7 +145,7 @@ def arguments_schema(parser: argparse.ArgumentParser) -> dict[str, Any]:
 
 
 def command_words(parser: argparse.ArgumentParser, values: Mapping[str, Any]) -> list[str]:
-    """Words of a tool's command line; raises WarpchainError for unknown or hidden options."""
+    """Words of an MCP tool's command line; raises WarpchainError for unknown or hidden options."""
     actions, options, places = _shown_actions(parser), list[str](), list[str]()
     for name, value in values.items():
         if name not in actions:
@@ -165,7 +165,7 @@ def command_words(parser: argparse.ArgumentParser, values: Mapping[str, Any]) ->
 
 
 def _refuse_outputs_outside(name: str, arguments: Mapping[str, Any], write: Path | None) -> None:
-    """Raises WarpchainError for a tool's outputs outside the folder to write."""
+    """Raises WarpchainError for an MCP tool's outputs outside the folder to write."""
     for key in OUTPUTS & set(arguments):
         if write is None:
             raise WarpchainError(f"{name}: writes nothing here; start it as: warpchain mcp --write FOLDER")
@@ -177,7 +177,7 @@ def _refuse_outputs_outside(name: str, arguments: Mapping[str, Any], write: Path
 async def _call_command(
     name: str, parser: argparse.ArgumentParser, arguments: Mapping[str, Any], write: Path | None
 ) -> CallToolResult:
-    """Result of a tool's command: lines, and the picture of draw; raises WarpchainError."""
+    """Result of an MCP tool's command: lines, and the picture of draw; raises WarpchainError."""
     from base64 import b64encode
     from subprocess import DEVNULL
     from tempfile import TemporaryDirectory

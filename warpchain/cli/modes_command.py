@@ -49,7 +49,7 @@ def mode_command_lines(drive: Drive, arguments: argparse.Namespace) -> list[str]
 
 
 def _campbell_diagram(drive: Drive, speeds: list[float], points: int, count: int, phases: int) -> Campbell:
-    """Campbell diagram of a drive, found with a progress bar."""
+    """Campbell diagram of a drive's modes, found with a progress bar."""
     import numpy as np
 
     from warpchain.modal.campbell import campbell, pitch_averaged_campbell

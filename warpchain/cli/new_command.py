@@ -71,7 +71,7 @@ class DriveRequest:
 
     @property
     def wrap_senses(self) -> list[str]:
-        """Senses of the chain around sprockets, the other one at the polygon's notches."""
+        """Senses of a new drive's chain around sprockets, the other one at notches."""
         return wrap_senses(list(self.centers))
 
 
@@ -85,7 +85,7 @@ def new_drive_file(arguments: Namespace) -> list[str]:
 
 
 def write_drive_request(asked: DriveRequest, path: Path, overwrite: bool, keep_centers: bool = False) -> list[str]:
-    """Writes a request's drive file, with links and center that fit, and schema; returns lines to print.
+    """Writes a new drive's file, with links and center that fit, and schema; returns lines to print.
 
     Raises:
         DriveError: a chain without a path, or a file that is there.

@@ -112,7 +112,7 @@ def _print_recommended(found: Any) -> None:
 
 
 def _print_design(results: Results, name: str, one: RecommendedDesign) -> None:
-    """Prints a recommended design: reasons, factors, metrics, changes from today."""
+    """Prints a search's design: reasons, factors, metrics, changes from today."""
     from warpchain.results.units import quantity_words
     from warpchain.study.report.decision_sections import change_texts
 

@@ -145,14 +145,14 @@ def _selection(asked: PowerRequest, chain: CatalogueChain) -> Selection | None:
 
 
 def _even_links(centers: float, teeth: tuple[int, int]) -> int:
-    """Even number of links for centers a distance in pitches apart (ISO 10823, f_3)."""
+    """Even number of links of a selected chain for a distance of centers in pitches (ISO 10823, f_3)."""
     a, b = teeth
     exact = 2.0 * centers + 0.5 * (a + b) + ((b - a) / math.tau) ** 2 / centers
     return 2 * round(0.5 * exact)
 
 
 def _center_pitches(links: int, teeth: tuple[int, int]) -> float:
-    """Distance of centers in pitches for a number of links, or nan."""
+    """Distance of centers of a selected chain in pitches, by links, or nan."""
     a, b = teeth
     free, turned = links - 0.5 * (a + b), (b - a) / math.tau
     square = free * free - 8.0 * turned * turned

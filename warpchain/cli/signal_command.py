@@ -39,7 +39,7 @@ def compare_signal(arguments: argparse.Namespace) -> list[str]:
 
 
 def _time_offset_from_word(word: str) -> float | None:
-    """Time offset [s] from a word of --offset, None for "auto"."""
+    """Time offset [s] of a measured signal from a word of --offset, None for "auto"."""
     from warpchain.results.measured_file import LATEST_TIME
 
     if word == "auto":
@@ -53,7 +53,7 @@ def _time_offset_from_word(word: str) -> float | None:
 
 
 def _comparison_lines(found: SignalComparison) -> list[str]:
-    """Lines of a table of simulated and measured statistics and orders."""
+    """Lines of a table of a signal's simulated and measured statistics and orders."""
     from warpchain.results.units import display_unit
 
     measured = found.measured

@@ -314,7 +314,7 @@ def study_report_command(arguments: argparse.Namespace) -> int:
 
 
 def _write_risk_report(arguments: argparse.Namespace, results: Results) -> int:
-    """Writes the page of a `warpchain risk` folder; returns the exit status."""
+    """Writes the report of a `warpchain risk` study; returns the exit status."""
     from warpchain.study.optimize.risk import read_risk
     from warpchain.study.report.risk_page import write_risk_page
     from warpchain.study.results import export_table
@@ -383,7 +383,7 @@ def _wanted_of_folder(source: Path) -> Any:
 
 
 def _asked_objectives(arguments: argparse.Namespace) -> dict[str, str] | None:
-    """Objectives of --minimize and --maximize with their senses, or None."""
+    """Objectives of a study command's --minimize and --maximize with senses, or None."""
     found = dict.fromkeys(arguments.minimize, "min") | dict.fromkeys(arguments.maximize, "max")
     return found or None
 

@@ -40,7 +40,7 @@ def warm_lines(arguments: Namespace) -> Iterator[str]:
 
 
 def _compile_kernels(drive: Drive, arguments: Namespace) -> bool:
-    """Runs a drive for a moment to compile its kernels; returns whether any were compiled."""
+    """Warms a drive by a short run that compiles kernels; returns whether any were compiled."""
     from warpchain.engine.simulation import simulate
     from warpchain.results.run import Record
 
@@ -49,7 +49,7 @@ def _compile_kernels(drive: Drive, arguments: Namespace) -> bool:
         warnings.simplefilter("ignore")  # such a run is too short for metrics
 
         def report_compilation(phase: str, done: float, total: float) -> None:
-            """Reports compilation, and no other phase."""
+            """Reports compilation while warming, and no other phase."""
             phases.add(phase)
             if phase == COMPILING:
                 report(phase, done, total)

@@ -190,7 +190,7 @@ def bullets_html(lines: Iterable[str]) -> str:
 
 
 def engineering_number(value: float, digits: int = 5) -> str:
-    """Text of a number on a page: plain from 0.001 to a million."""
+    """Text of a number on an HTML page: plain from 0.001 to a million."""
     if value != value:
         return "\N{EN DASH}"
     size = abs(value)
@@ -202,7 +202,7 @@ def engineering_number(value: float, digits: int = 5) -> str:
 
 
 def column_number(value: float, decimals: int) -> str:
-    """Text of a number with its column's decimals, at least two digits."""
+    """Text of a number in an HTML table, with its column's decimals."""
     return (
         engineering_number(value, significant_digits(value, decimals))
         if math.isfinite(value)
@@ -211,7 +211,7 @@ def column_number(value: float, decimals: int) -> str:
 
 
 def significant_digits(value: float, decimals: int) -> int:
-    """Significant digits (2 to 15) of a column's number with so many decimals."""
+    """Significant digits (2 to 15) of an HTML table's number with so many decimals."""
     return max(2, min(15, decimals + 1 + math.floor(math.log10(abs(value))))) if value else 2
 
 
@@ -281,7 +281,7 @@ DARK_COLORS = {
 
 
 def _svg_of_both_schemes(text: str) -> str:
-    """SVG of a figure that is dark where the reader prefers that."""
+    """SVG of a figure for HTML that is dark where the reader prefers that."""
     turned = {color: DARK_COLORS[color] for color in DARK_COLORS if color in text}
     for found in {found for found in re.findall(r"#([0-9a-f]{6})\b", text) if found[:2] == found[2:4] == found[4:]}:
         share = int(found[:2], 16) / 255.0

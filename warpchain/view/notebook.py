@@ -55,7 +55,7 @@ def notebook_table(head: Sequence[str], rows: Sequence[Sequence[str]], caption: 
 
 
 def status_html(status: str) -> Markup:
-    """HTML of a variant's status in its color."""
+    """HTML of a variant's status for notebooks, in its color."""
     return Markup(f'<b style="color:{STATUS_COLORS.get(status, "inherit")}">{escape(status)}</b>')
 
 
@@ -68,7 +68,7 @@ def value_with_unit(value: Any, unit: str) -> str:
 
 
 def _side_by_side_html(left: str, right: str) -> str:
-    """HTML of two elements side by side."""
+    """HTML of two elements side by side, for notebooks."""
     return f'<div style="display:flex;flex-wrap:wrap;gap:1.5em;align-items:flex-start">{left}<div>{right}</div></div>'
 
 
@@ -81,7 +81,7 @@ def _drive_picture(of: Drive | Trajectory, frame: int | None = None) -> str:
 
 
 def _drive_html(drive: Drive) -> str:
-    """HTML of a drive: picture, chains with sprockets, run settings."""
+    """HTML of a drive for notebooks: picture, chains with sprockets, run settings."""
     warm = "" if drive.temperature is None else f"{drive.temperature:g} \N{DEGREE SIGN}C, "
     run = f"{warm}{drive.run.duration:g} s, {drive.run.integrator}, step {drive.run.step}"
     right = "".join(_chain_html(model) for model in Model(drive).chains) + f"<p>{escape(run)}</p>"
@@ -118,7 +118,7 @@ def _notebook_metrics(drive: Drive) -> list[str]:
 
 
 def _run_html(run: Run) -> str:
-    """HTML of a run: picture, and metrics or a row a variant."""
+    """HTML of a run for notebooks: picture, and metrics or a row a variant."""
     rows, names = run.metrics.to_pylist(), run.metrics.column_names
     info = f"{len(rows)} variants" if len(rows) != 1 else "1 variant"
     about = f"{info}, {len(run)} recorded; {run.info.device}, {run.info.precision}, {run.info.wall_time:.1f} s"
@@ -147,7 +147,7 @@ def _run_html(run: Run) -> str:
 
 
 def _trajectory_html(trajectory: Trajectory) -> str:
-    """HTML of a trajectory: picture, channels with unit and shape."""
+    """HTML of a trajectory for notebooks: picture, channels with unit and shape."""
     frames = len(trajectory.time)
     spell = f"{trajectory.time[0]:g} to {trajectory.time[-1]:g} s" if frames else "empty"
     rows = [

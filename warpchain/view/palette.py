@@ -40,7 +40,7 @@ ScaleTop = float | str | None
 
 
 def variant_shades(color: Color) -> tuple[Color, ...]:
-    """Four shades of a variant's color, for its curves."""
+    """Palette of a variant's curves: four shades of its color."""
     return (color, _mixed_color(color, 0.38, 255), _mixed_color(color, 0.66, 255), _mixed_color(color, 0.15, 0))
 
 
@@ -51,7 +51,7 @@ def _mixed_color(color: Color, share: float, gray: int) -> Color:
 
 
 def curve_colors(parts: Drive | ChainModel, variant: Color | None = None) -> dict[str, Color]:
-    """Colors of curves by part's name, shades of `variant` if given."""
+    """Palette of curves by part's name, shades of `variant` if given."""
     bodies = [*(s.name for s in parts.sprockets), *(g.name for g in parts.guides)]
     others = [part.name for kind in dict.fromkeys(row[0] for row in PART_SIGNALS) for part in getattr(parts, kind)]
     if variant is None:
@@ -67,7 +67,7 @@ def curve_colors(parts: Drive | ChainModel, variant: Color | None = None) -> dic
 
 @lru_cache(maxsize=1)
 def tension_color_table() -> NDArray[np.uint8]:
-    """Colors (256, 4) of the tension scale."""
+    """Palette (256, 4) of the tension scale."""
     return tension_colors(np.arange(256.0), 255.0)
 
 
@@ -86,7 +86,7 @@ def packed_tension_colors(steps: NDArray[np.uint8]) -> NDArray[np.uint32]:
 
 @lru_cache(maxsize=1)
 def _packed_color_table() -> NDArray[np.uint32]:
-    """Colors (256,) of the tension scale, as Rerun's integers."""
+    """Palette (256,) of the tension scale, as Rerun's integers."""
     return tension_color_table().view(">u4")[:, 0].astype(np.uint32)
 
 

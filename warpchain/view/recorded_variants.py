@@ -130,7 +130,7 @@ def varied_inputs(run: Run) -> dict[str, np.ndarray]:
 
 
 def _numbers_by_path(node: object, path: str = "") -> dict[str, float]:
-    """Numbers in a drive's nested tables and lists, by key path."""
+    """Numbers in a variant's nested tables and lists, by key path."""
     if isinstance(node, bool) or node is None or isinstance(node, str):
         return {}
     if isinstance(node, (int, float)):

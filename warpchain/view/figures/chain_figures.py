@@ -46,7 +46,7 @@ MOST_DOTS = 20_000
 
 
 def hardest_pressed_roller(trajectory: Trajectory) -> int:
-    """Number of the roller that guides, or else sprockets, press hardest."""
+    """Number of the chain's roller that guides, or else sprockets, press hardest."""
     sprocket_force, guide_force = require_channels(trajectory, "sprocket_force", "guide_force")
     part = last_round_frames(trajectory)
     within = slice(1, -1) if trajectory.parts.chain.is_open else slice(None)
@@ -72,7 +72,7 @@ def strand_displacement_figure(trajectory: Trajectory) -> Figure:
 
 
 def draw_window_mean(axis: Any, trajectory: Trajectory, values: Any, unit: str, digits: str) -> None:
-    """Draws the mean of values (F,) in the metrics' window into a panel."""
+    """Draws the mean of values (F,) in the metrics' window into a chain's panel."""
     time = trajectory.time
     start, end = trajectory.window or (float(time[0]), float(time[-1]))
     part = np.asarray(values)[(time >= start - 1e-12) & (time <= end + 1e-12)]
@@ -133,7 +133,7 @@ def roller_contact_figure(trajectory: Trajectory, roller: int) -> Figure:
 
 
 def _shade_sprocket_spells(axis: Any, trajectory: Trajectory, roller: int) -> None:
-    """Shades a panel while a roller is on each sprocket."""
+    """Shades a chain figure's panel while a roller is on each sprocket."""
     on = engaged_sprockets(trajectory, np.array([roller]))[:, 0]
     named: set[int] = set()
     frame = 0

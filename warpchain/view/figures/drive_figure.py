@@ -209,7 +209,7 @@ def _chain_at_start(model: ChainModel) -> _PosedChain:
 
 
 def draw_plates(axis: Any, model: ChainModel, position: Array, factor: float) -> None:
-    """Draws plates and pins of a silent chain at places (N, 2) [m]."""
+    """Draws plates and pins of a silent chain into a drive's picture, at places (N, 2) [m]."""
     from matplotlib.collections import PolyCollection
 
     plates = plate_outlines(model, position)
@@ -290,7 +290,7 @@ def draw_rotations(axis: Any, drive: Drive, chains: list[_PosedChain], factor: f
 
 
 def _draw_rotation(axis: Any, center: Array, radius: float, sign: float) -> None:
-    """Draws an arrow around a sprocket's center, counter-clockwise for `sign` +1."""
+    """Draws an arrow around a sprocket into a drive's picture, counter-clockwise for `sign` +1."""
     angle = math.radians(90.0) + sign * np.radians(np.linspace(-50.0, 50.0, 21))
     arc = center + radius * np.stack([np.cos(angle), np.sin(angle)], axis=1)
     axis.plot(*arc.T, color=ARROW, lw=1.1, zorder=1)
@@ -301,7 +301,7 @@ def _draw_rotation(axis: Any, center: Array, radius: float, sign: float) -> None
 
 
 def draw_tension_chain(axis: Any, chains: list[Array], tension: Array, top: float, factor: float) -> None:
-    """Draws chains' lines in the colors of tensions up to `top` [N]."""
+    """Draws chains' lines into a drive's picture in the colors of tensions up to `top` [N]."""
     from matplotlib.collections import LineCollection
     from matplotlib.colors import Normalize
 
@@ -318,7 +318,7 @@ def draw_tension_chain(axis: Any, chains: list[Array], tension: Array, top: floa
 
 
 def draw_contact_arrows(axis: Any, position: Array, arrows: list[Array], reach: float, factor: float) -> None:
-    """Draws contact forces on rollers as arrows, `reach` [m] a newton."""
+    """Draws contact forces into a drive's picture as arrows, `reach` [m] a newton."""
     kinds = (("black", "contact with sprockets"), ("tab:red", "contact with guide-bars"))
     straight: Any = {"angles": "xy", "scale_units": "xy", "scale": 1.0, "width": 0.002, "zorder": 4}
     for force, (color, label) in zip(arrows, kinds, strict=True):
@@ -370,7 +370,7 @@ def draw_dimensions(
     path = chain_path(model)
 
     def write_at(text: str, at: Any, **more: Any) -> Any:
-        """Writes a text at a point, to be placed; returns it."""
+        """Writes a text into a drive's picture, to be placed; returns it."""
         return axis.annotate(
             text, factor * np.asarray(at), xytext=(0.0, 0.0), textcoords="offset points", fontsize=7, zorder=5, **more
         )
@@ -403,7 +403,7 @@ def draw_dimensions(
 
 
 def arm_stop_lines(model: ChainModel, pose: DrivePose) -> list[Array]:
-    """Lines [m] of arms and their guides, turned to either stop."""
+    """Lines [m] of a drive's arms and their guides, turned to either stop."""
     lines: list[Array] = []
     for a, arm in enumerate(model.arms):
         own = {arm.name, *(model.guides[g].name for g in model.guides_of(a))}
@@ -421,7 +421,7 @@ def text_count_at(axis: Any, point: Any) -> int:
 
 
 def _strand_texts(model: ChainModel, pitches: Any) -> list[str]:
-    """Texts of strands' numbers of links, or of pitches."""
+    """Texts of strands in a drive's picture: number of links, or of pitches."""
     try:
         found = [f"{links} links" for links in assemble_chain(model).strand_links]
     except DriveError:
@@ -430,6 +430,6 @@ def _strand_texts(model: ChainModel, pitches: Any) -> list[str]:
 
 
 def _length_text(meters: float) -> str:
-    """Text of a length [m] in a fitting unit."""
+    """Text of a length [m] in a drive's picture, in a fitting unit."""
     unit, factor = display_unit("m", meters)
     return f"{factor * meters:.4g} {unit}"

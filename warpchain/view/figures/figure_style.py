@@ -66,7 +66,7 @@ CURVE_SPELLS = 4000
 
 
 def strand_label(name: str) -> str:
-    """Strand's name with an arrow sign for "->"."""
+    """Strand's name in figures, with an arrow sign for "->"."""
     return name.replace("->", " \N{RIGHTWARDS ARROW} ")
 
 
@@ -84,7 +84,7 @@ def run_line(of: Drive | Trajectory) -> str:
 
 
 def driver_speed_text(of: Drive | Trajectory) -> str:
-    """Text of the driver's name and speed, of a run its mean."""
+    """Text in figures of the driver's name and speed, of a run its mean."""
     parts = of if isinstance(of, Drive) else of.parts
     if parts.sprockets[parts.driver].is_end:
         return "nothing drives"
@@ -131,7 +131,7 @@ def panel_column(
 
 
 def draw_legend(axis: Any, title: str = "") -> None:
-    """Draws a panel's legend above it, beside its title."""
+    """Draws a figure panel's legend above it, beside its title."""
     from warpchain.view.figures.plain_figure import LETTER_WIDTH, PanelLayout
 
     words = axis.get_legend_handles_labels()[1]
@@ -153,7 +153,7 @@ def draw_legend(axis: Any, title: str = "") -> None:
 
 
 def _legend_width(words: Sequence[str], columns: int) -> float:
-    """Width [in] of a legend in a number of columns."""
+    """Width [in] of a figure's legend in a number of columns."""
     from warpchain.view.figures.plain_figure import LETTER_WIDTH
 
     rows = -(-len(words) // columns)
@@ -162,7 +162,7 @@ def _legend_width(words: Sequence[str], columns: int) -> float:
 
 
 def draw_color_bar(axis: Any, image: Any, label: str, **settings: Any) -> None:
-    """Draws the color bar of an image beside its panel."""
+    """Draws the color bar of a figure's image beside its panel."""
     bar = axis.figure.colorbar(image, ax=axis, fraction=0.02, pad=0.015, aspect=30, **settings)
     bar.set_label(label, fontsize=9.5)
     bar.ax.tick_params(labelsize=TICK_SIZE)
@@ -210,7 +210,7 @@ def panel_grid(count: int, columns: int, width: float, height: float) -> tuple[F
 
 
 def draw_curve(axis: Any, x: NDArray[np.floating], y: NDArray[np.floating], **style: Any) -> None:
-    """Draws a curve into a panel, thinned to its peaks."""
+    """Draws a curve into a figure's panel, thinned to its peaks."""
     kept = peak_frames(y, CURVE_SPELLS)
     axis.plot(x[kept], y[kept], **{"lw": 0.8, **style})
 

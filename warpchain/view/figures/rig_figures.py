@@ -57,7 +57,7 @@ def measured_figure(trajectory: Trajectory, found: SignalComparison) -> Figure:
 
 
 def _draw_order_spectra(axis: Any, drive: Drive, found: SignalComparison, factor: float) -> None:
-    """Draws order spectra of measured and simulated signals into a panel."""
+    """Draws order spectra of a rig's and a run's signals into a panel."""
     driver = drive.sprockets[drive.driver]
     last = (TOOTH_PASSINGS + 0.5) * driver.teeth
     peak = 0.0
@@ -77,7 +77,7 @@ def _draw_order_spectra(axis: Any, drive: Drive, found: SignalComparison, factor
 
 
 def _arrays_by_column(table: pa.Table) -> dict[str, NDArray[np.float64]]:
-    """Columns of a tensioner's table as arrays, by name."""
+    """Columns of a rig's tensioner table as arrays, by name."""
     return {name: np.asarray(table[name]) for name in table.column_names}
 
 

@@ -126,7 +126,7 @@ def speed_sweeps(sources: Sequence[Run | str | Path], signal: str = "displacemen
 
 
 def _driver_rpm(trajectory: Trajectory) -> float:
-    """Driver's mean speed [rpm] in a recording's latter half."""
+    """Driver's mean speed [rpm] in a sweep's recording, latter half."""
     (sprocket_speed,) = require_channels(trajectory, "sprocket_speed")
     part = sprocket_speed[latter_half_frames(trajectory), trajectory.parts.driver]
     return rpm_of_speed(float(abs(part.mean())))
@@ -184,7 +184,7 @@ def campbell_figure(found: Sequence[SpeedSweep], highest: float | None = None) -
 def _spectrum_on_grid(
     even: NDArray[np.float64], frequency: NDArray[np.float64], amplitude: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """Amplitudes of a spectrum at even frequencies, largest lines kept."""
+    """Amplitudes of a sweep's spectrum at even frequencies, largest lines kept."""
     step = even[1]
     at = np.rint(frequency / step).astype(int)
     inside = at < len(even)

@@ -86,7 +86,7 @@ def drive_section(chains: Chains, whole: Trajectory, row: Row, info: RunInfo) ->
 
 
 def _energy_lines(row: Row) -> list[str]:
-    """Line on what the energy balance misses, if known."""
+    """Line of a report on what the energy balance misses, if known."""
     missed = row.get("energy_residual_relative")
     words = title_of_metric("energy_residual_relative")
     return [] if missed is None else [f"energy balance: {100.0 * missed:.2g} % ({words})"]
@@ -377,7 +377,7 @@ def _about_lines(source: Run | str | Path, drive: Drive, info: RunInfo) -> list[
 
 
 def _date_text(iso: str) -> str:
-    """Text of an ISO 8601 UTC time on a page, or ""."""
+    """Text of an ISO 8601 UTC time in a report, or ""."""
     return f"{iso[:10]} {iso[11:16]} UTC" if iso else ""
 
 

@@ -74,7 +74,7 @@ def _row_indices(rows: Collection[int]) -> NDArray[np.intp]:
 
 
 def _varied_metrics(run: Run) -> Values:
-    """Metrics (V,) that vary between a run's variants, by name."""
+    """Metrics (V,) that vary in an ensemble, by name."""
     found: Values = {}
     for name in ensemble_metrics(run.drives[0]):
         if name in run.metrics.column_names and len(found) < MOST_METRICS:
@@ -87,7 +87,7 @@ def _varied_metrics(run: Run) -> Values:
 
 
 def _most_correlated_inputs(inputs: Values, metrics: Values) -> list[str]:
-    """Names of varied inputs that correlate most with any metric."""
+    """Names of an ensemble's varied inputs that correlate most with any metric."""
 
     def largest_correlation(values: NDArray[np.float64]) -> float:
         """Largest correlation of an input (V,) with any metric."""

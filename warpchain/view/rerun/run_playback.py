@@ -78,7 +78,7 @@ def playback_blueprint(
     roots = [one.label for one in shown]
 
     def curve_views(*groups: str) -> list[rrb.TimeSeriesView]:
-        """Rerun's time series views of groups of curves."""
+        """Rerun's time series views of groups of curves in a playback."""
         return [
             rrb.TimeSeriesView(
                 name=CURVE_GROUPS[group],

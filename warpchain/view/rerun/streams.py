@@ -45,7 +45,7 @@ def flipped_points(points: NDArray[np.floating]) -> NDArray[np.float32]:
 
 
 def list_array(elements: pa.Array, lengths: int | NDArray[np.intp], count: int | None = None) -> pa.Array:
-    """Arrow array of elements in `count` lists."""
+    """Arrow array for Rerun streams of elements in `count` lists."""
     import pyarrow as pa
 
     if isinstance(lengths, int):
@@ -57,7 +57,7 @@ def list_array(elements: pa.Array, lengths: int | NDArray[np.intp], count: int |
 
 
 def vector_array(values: NDArray[np.float32]) -> pa.Array:
-    """Arrow array of D-vectors from floats (..., D)."""
+    """Arrow array for Rerun streams of D-vectors from floats (..., D)."""
     import pyarrow as pa
 
     kind = pa.list_(pa.field("item", pa.float32(), nullable=False), values.shape[-1])
@@ -65,7 +65,7 @@ def vector_array(values: NDArray[np.float32]) -> pa.Array:
 
 
 def line_strip_array(points: NDArray[np.float32]) -> pa.Array:
-    """Arrow array of line strips from floats (..., P, 2)."""
+    """Arrow array for Rerun streams of line strips from floats (..., P, 2)."""
     import pyarrow as pa
 
     inner = vector_array(points)

@@ -51,7 +51,7 @@ def viewer_program() -> str:
 
 
 def free_port(address: str, wanted: int) -> int:
-    """Port `wanted`, or a free one; raises SimulationError for a foreign address."""
+    """Port for Rerun's viewer, `wanted` or a free one; raises SimulationError for a foreign address."""
     family = socket.AF_INET6 if ":" in address else socket.AF_INET
     for port in (wanted, 0):
         try:
@@ -63,7 +63,7 @@ def free_port(address: str, wanted: int) -> int:
 
 
 def has_display() -> bool:
-    """Whether windows can open here, by a Linux process's environment."""
+    """Whether Rerun's viewer can open windows, by a Linux process's environment."""
     return not sys.platform.startswith("linux") or any(os.environ.get(name) for name in ("DISPLAY", "WAYLAND_DISPLAY"))
 
 
