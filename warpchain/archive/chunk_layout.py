@@ -122,7 +122,7 @@ class FrameContent:
 
     @property
     def topics(self) -> tuple[str, ...]:
-        """Topics of an archived frame, in order."""
+        """Topics in a chunk's frame, in order."""
         joints = ("sprockets",) if any(name in self.channels for name in JOINT_STATE_CHANNELS.values()) else ()
         exact = ("positions",) if self.has_exact_positions else ()
         return ("rollers", "state", *joints, *exact, *(("transforms",) if self.has_sprocket_poses else ()))
@@ -134,7 +134,7 @@ class FrameContent:
 
     @property
     def has_sprocket_poses(self) -> bool:
-        """Whether frames hold angles and centers of sprockets."""
+        """Whether a chunk's frames hold angles and centers of sprockets."""
         return {"sprocket_angle", "sprocket_center"} <= set(self.channels)
 
     def channel_type(self, channel: str) -> str:
@@ -144,7 +144,7 @@ class FrameContent:
         return self.values if CHANNEL_BY_NAME[channel].is_of_rollers else self.precision
 
     def channel_shape(self, channel: str) -> tuple[int, ...]:
-        """Shape of an archived channel in one frame."""
+        """Shape of a channel in a chunk's frame."""
         return CHANNEL_BY_NAME[channel].shape(self.part_counts)
 
     @property
@@ -164,7 +164,7 @@ class ChunkLayout:
 
     @property
     def frame_bytes(self) -> int:
-        """Bytes of a frame."""
+        """Bytes of a frame in a chunk."""
         return len(self.template)
 
     def topic_offset(self, topic: str) -> int:
@@ -207,7 +207,7 @@ class ChunkLayout:
         return frames
 
     def _write_values(self, frames: Any, chunk: Trajectory, full_scale: float) -> None:
-        """Writes a trajectory's values and colors into archived frames."""
+        """Writes a trajectory's values and colors into a chunk's frames."""
         points = frames["rollers"]["body"]["data"]
         for channel, values in chunk.channels().items():
             if CHANNEL_BY_NAME[channel].is_of_rollers:
@@ -251,7 +251,7 @@ class ChunkLayout:
 
 @functools.lru_cache(maxsize=256)
 def layout_of_content(content: FrameContent) -> ChunkLayout:
-    """Byte layout of frames with this content."""
+    """Byte layout of a chunk's frames with this content."""
     build = {
         "state": _state_body,
         "sprockets": _joint_state_body,
@@ -268,7 +268,7 @@ def layout_of_content(content: FrameContent) -> ChunkLayout:
 
 
 def _roller_cloud_body(content: FrameContent) -> _BodyBuilder:
-    """Body of the topic "rollers": a PointCloud of packed rollers."""
+    """Chunk's body of topic "rollers": a PointCloud of packed rollers."""
     layout = archive_format.roller_dtype(frozenset(content.channels), content.values)
     code = np.dtype(content.values).newbyteorder("<")
     point = _BodyBuilder()
@@ -286,7 +286,7 @@ def _roller_cloud_body(content: FrameContent) -> _BodyBuilder:
 
 
 def _state_body(content: FrameContent) -> _BodyBuilder:
-    """Body of the topic "state": time, and channels of bodies."""
+    """Chunk's body of topic "state": time, and channels of bodies."""
     body = _BodyBuilder()
     body.add_bytes(b"\x09")
     body.add_value("time", "<f8")
@@ -297,7 +297,7 @@ def _state_body(content: FrameContent) -> _BodyBuilder:
 
 
 def _joint_state_body(content: FrameContent) -> _BodyBuilder:
-    """Body of the topic "sprockets": a CDR JointState."""
+    """Chunk's body of topic "sprockets": a CDR JointState."""
     arrays = [name for name, channel in JOINT_STATE_CHANNELS.items() if channel in content.channels]
     template, offsets, stamp = archive_format.joint_state_template(list(content.sprockets), arrays)
     body = _BodyBuilder()
@@ -308,7 +308,7 @@ def _joint_state_body(content: FrameContent) -> _BodyBuilder:
 
 
 def _positions_body(content: FrameContent) -> _BodyBuilder:
-    """Body of the topic "positions": roller positions as float64."""
+    """Chunk's body of topic "positions": roller positions as float64."""
     body = _BodyBuilder()
     body.add_timestamp()
     body.add_message_field(2, "position", ("<f8", (content.links, 2)))
@@ -324,7 +324,7 @@ def message_record(channel: int, sequence: int, stamp: int, body: bytes) -> byte
 
 
 def _transforms_body(content: FrameContent) -> _BodyBuilder:
-    """Body of the topic "transforms": a FrameTransform a sprocket or arm."""
+    """Chunk's body of topic "transforms": a FrameTransform a sprocket or arm."""
     body = _BodyBuilder()
     for s, name in enumerate(content.turning_bodies):
         one = _BodyBuilder()

@@ -21,7 +21,7 @@ UNAVERAGED_COLUMNS = ("diverged", "diverged_time", "window_start", "window_end")
 
 
 def metrics_with_copies(metrics: pa.Table, count: int) -> pa.Table:
-    """Metrics table with numbers of drives and copies."""
+    """Metrics table with numbers of drives and replicates."""
     import pyarrow as pa
 
     if count == 1:
@@ -33,7 +33,7 @@ def metrics_with_copies(metrics: pa.Table, count: int) -> pa.Table:
 
 
 def summarize_copies(table: pa.Table, key: str, first: Sequence[str] = ()) -> pa.Table:
-    """Table of means over copies, a row a drive.
+    """Table of means over replicates, a row a drive.
 
     Copies that are ok count; where none is, all that did not diverge.
 
@@ -50,7 +50,7 @@ def summarize_copies(table: pa.Table, key: str, first: Sequence[str] = ()) -> pa
     fields, columns = [table.schema.field(key)], [pa.array(keys)]
 
     def add_column(field: pa.Field, values: Any, name: str = "", **facts: str) -> None:
-        """Adds a column with metadata to the summary of copies."""
+        """Adds a column with metadata to the summary of replicates."""
         known = {k.decode(): v.decode() for k, v in (field.metadata or {}).items()}
         fields.append(pa.field(name or field.name, values.type, metadata=known | facts or None))
         columns.append(values)
@@ -75,13 +75,13 @@ def summarize_copies(table: pa.Table, key: str, first: Sequence[str] = ()) -> pa
 
 
 def _first_rows_with_value(column: Any, at: NDArray[np.int64]) -> NDArray[np.int64]:
-    """Row (D,) of each drive's first copy with a value."""
+    """Row (D,) of each drive's first replicate with a value."""
     there = np.append(~np.asarray(column.is_null().to_numpy(), dtype=bool), False)[at]
     return at[np.arange(len(at)), np.where(there.any(axis=1), there.argmax(axis=1), (at >= 0).argmax(axis=1))]
 
 
 def _is_averaged(field: pa.Field, names: Sequence[str]) -> bool:
-    """Whether a metric column is averaged over copies."""
+    """Whether a metric column is averaged over replicates."""
     import pyarrow.types as kinds
 
     if field.name.endswith(ERROR_SUFFIX) and field.name.removesuffix(ERROR_SUFFIX) in names:
@@ -90,14 +90,14 @@ def _is_averaged(field: pa.Field, names: Sequence[str]) -> bool:
 
 
 def _copy_numbers(table: pa.Table) -> NDArray[np.int64]:
-    """Copy number of each row."""
+    """Copy (replicate) number of each row."""
     if COPY_COLUMN not in table.column_names:
         return np.zeros(table.num_rows, dtype=np.int64)
     return np.asarray(table[COPY_COLUMN].to_numpy())
 
 
 def _rows_of_copies(place: NDArray[np.intp], number: NDArray[np.int64], drives: int) -> NDArray[np.int64]:
-    """Rows (D, copies) of each drive's copies, or -1."""
+    """Rows (D, copies) of each drive's replicates, or -1."""
     order = np.lexsort((number, place))
     counts = np.bincount(place, minlength=drives)
     within = np.arange(len(order)) - np.repeat(np.cumsum(counts) - counts, counts)
@@ -107,7 +107,7 @@ def _rows_of_copies(place: NDArray[np.intp], number: NDArray[np.int64], drives: 
 
 
 def _is_in_mean(status: Sequence[str], at: NDArray[np.int64]) -> NDArray[np.bool_]:
-    """(D, copies) whether each copy counts in the mean."""
+    """(D, copies) whether each replicate counts in the mean."""
     words = np.array([*status, ""], dtype=object)[at]  # the last one stands for -1, a copy that is not there
     ok = words == OK
     ran = ~np.isin(words, ("", "infeasible", DIVERGED))
@@ -115,7 +115,7 @@ def _is_in_mean(status: Sequence[str], at: NDArray[np.int64]) -> NDArray[np.bool
 
 
 def _worst_status_and_reason(table: pa.Table, at: NDArray[np.int64]) -> tuple[list[str], list[str | None]]:
-    """Worst status among each drive's copies, and its reason."""
+    """Worst status among each drive's replicates, and its reason."""
     status, reason = table["status"].to_pylist(), table["reason"].to_pylist()
     rank = {word: k for k, word in enumerate(STATUSES)}
     number = _copy_numbers(table)
@@ -133,14 +133,14 @@ def _worst_status_and_reason(table: pa.Table, at: NDArray[np.int64]) -> tuple[li
 
 
 def _column_values(table: pa.Table, name: str) -> NDArray[np.float64]:
-    """Values of a column of copies, nan where null."""
+    """Values of a column of replicates, nan where null."""
     return np.array(table[name].cast("float64").to_numpy(), dtype=float)
 
 
 def _mean_and_error(
     values: NDArray[np.float64], at: NDArray[np.int64], chosen: NDArray[np.bool_]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Mean and standard error (D,) of drives' copies."""
+    """Mean and standard error (D,) of drives' replicates."""
     each = np.where(chosen, values[at], np.nan)
     there = np.isfinite(each)
     count = there.sum(axis=1)
@@ -152,7 +152,7 @@ def _mean_and_error(
 
 
 def _sum_of_copies(each: NDArray[np.float64]) -> NDArray[Any]:
-    """Sum (D,) over each drive's copies."""
+    """Sum (D,) over each drive's replicates."""
     found = np.zeros(len(each))
     for column in each.T:
         found = found + column

@@ -233,7 +233,7 @@ def _left_out_note(left_out: LeftOut, unranked: frozenset[str]) -> str:
 def _study_summary(
     results: Results, left_out: LeftOut, analyzed: MetricAnalyses, notes: Mapping[str, str]
 ) -> html.PageSection:
-    """HTML section with a study in short."""
+    """Study page's section in short."""
     effects, pairs, chances, unranked = analyzed
     status = results.status
     counts = [(word, status.count(word)) for word in ROW_STATUSES]
@@ -298,7 +298,7 @@ def _verdict_text(
 
 
 def _factors_section(results: Results) -> html.PageSection:
-    """HTML section on factors: units, ranges, ties, noise."""
+    """Study page's section on factors: units, ranges, ties, noise."""
     rows, tied = [], results.factor_ties()
     for factor in results.factors:
         words = results.text_values(factor)
@@ -331,7 +331,7 @@ def _quantiles_table(results: Results, metrics: tuple[str, ...]) -> str:
 
 
 def _effects_section(results: Results, left_out: LeftOut, analyzed: MetricAnalyses) -> html.PageSection:
-    """HTML section on main effects and interactions."""
+    """Study page's section on main effects and interactions."""
     effects, pairs, chances, unranked = analyzed
     shown = {metric: found for metric, found in effects.items() if found}
     fair = {metric: found for metric, found in shown.items() if metric not in unranked}
@@ -398,7 +398,7 @@ MOST_CORRELATED = 40
 
 
 def _correlation_section(results: Results, first: tuple[str, ...], rest: str) -> html.PageSection | None:
-    """HTML section on rank correlations."""
+    """Study page's section on rank correlations."""
     names = tuple(dict.fromkeys((*first, *results.varying_metrics())))
     usable = tuple(m for m in names if results.usable_rows(m).sum() >= 3)
     if not results.numeric_factors() or not usable:
@@ -434,7 +434,7 @@ def _surrogates_of_metrics(results: Results, metrics: tuple[str, ...]) -> dict[s
 def _surrogates_section(
     results: Results, surrogates: Mapping[str, Surrogate | StudyError], rest: str
 ) -> html.PageSection:
-    """HTML section on the metrics' surrogates: cuts, cross-validation."""
+    """Study page's section on the metrics' surrogates: cuts, cross-validation."""
     parts, refused = [], []
     for metric, found in surrogates.items():
         if isinstance(found, StudyError):
@@ -464,7 +464,7 @@ def _surrogates_section(
 def _sobol_section(
     results: Results, surrogates: Mapping[str, Surrogate | StudyError], folder: str | None
 ) -> html.PageSection:
-    """HTML section on Sobol' indices of the metrics."""
+    """Study page's section on Sobol' indices of the metrics."""
     found: list[SobolIndices] = []
     lines, refused = [], False
     for metric, surrogate in surrogates.items():
@@ -508,7 +508,7 @@ def _sobol_advice(results: Results, folder: str) -> str:
 
 
 def _extremes_section(results: Results, metrics: tuple[str, ...], rest: str) -> html.PageSection:
-    """HTML section on variants with metrics' extreme values."""
+    """Study page's section on variants with metrics' extreme values."""
     parts = [rest]
     for metric in metrics:
         rows = np.flatnonzero(results.usable_rows(metric))
