@@ -112,14 +112,14 @@ def read_table(
 
 
 def _check_table_size(rows: int, columns: int, path: Path) -> None:
-    """Raises StudyError for a table that is too large."""
+    """Raises StudyError for a stored table that is too large."""
     if rows > MOST_ROWS or rows * columns > MOST_CELLS:
         most = min(MOST_ROWS, MOST_CELLS // max(columns, 1))
         raise StudyError(f"{path}: {rows} rows of {columns} columns; allowed are at most {most} rows")
 
 
 def _check_unique_columns(table: pa.Table, path: Path) -> None:
-    """Raises StudyError for a table's repeated column names."""
+    """Raises StudyError for a stored table's repeated column names."""
     for k, name in enumerate(table.column_names):
         first = table.column_names.index(name)
         if first < k:
@@ -129,7 +129,7 @@ def _check_unique_columns(table: pa.Table, path: Path) -> None:
 
 
 def _check_decimal_points(table: pa.Table, path: Path) -> None:
-    """Raises StudyError for a CSV table with decimal commas."""
+    """Raises StudyError for a stored CSV table with decimal commas."""
     text = "cells are separated by commas, and numbers have decimal points"
     if table.num_columns == 1 and any(sign in table.column_names[0] for sign in ";\t"):
         raise StudyError(f"{path}: {table.column_names[0]!r}: {text}")
