@@ -35,7 +35,6 @@ PositiveNumber = Annotated[float, AllowedRange("a finite number above 0", lambda
 Count = Annotated[int, AllowedRange("a whole number of at least 1", lambda n: n >= 1)]
 Index = Annotated[int, AllowedRange("a whole number of at least 0", lambda n: n >= 0)]
 MOST_WORKERS = 1024
-"""Most threads that can be asked for."""
 Workers = Annotated[int, AllowedRange(f"a whole number from 1 to {MOST_WORKERS}", lambda n: 1 <= n <= MOST_WORKERS)]
 
 _PLAIN_KINDS: Mapping[Any, tuple[str, type]] = {
@@ -49,15 +48,15 @@ _PLAIN_KINDS: Mapping[Any, tuple[str, type]] = {
 
 
 def number_text(value: float) -> str:
-    """A number as text for messages, to 12 digits."""
+    """Text of a number in messages, to 12 digits."""
     return repr(float(f"{value:.12g}"))
 
 
 class _ShortRepr(reprlib.Repr):
-    """Values in messages, cut short, floats by `number_text`."""
+    """Texts of arguments in messages, cut short."""
 
     def repr_float(self, value: float, level: int) -> str:
-        """A float in messages, by `number_text`."""
+        """Text of a float argument, by `number_text`."""
         return number_text(value)
 
     repr_float64 = repr_float32 = repr_float
@@ -70,7 +69,7 @@ def check_arguments(error: type[Exception], prefix: str = "") -> Callable[[Check
     """Decorator that raises `error`, `NAME = VALUE: must be WHAT`, for an argument outside its annotation."""
 
     def wrap(function: Any) -> Any:
-        """The function or dataclass with checks of its arguments."""
+        """Function or dataclass with checks of its arguments."""
         if isinstance(function, type):
             function.__init__ = wrap(function.__init__)  # type: ignore[misc]
             return function
@@ -98,7 +97,7 @@ def check_arguments(error: type[Exception], prefix: str = "") -> Callable[[Check
 
 
 class _UnimportedType(type):
-    """An empty class for names that only type checkers import."""
+    """Type that stands for names that only type checkers import."""
 
     def __getattr__(cls, name: str) -> Any:
         if name.startswith("_"):
@@ -114,7 +113,7 @@ class _AnnotationNames(dict[str, Any]):
 
 
 def _kind_of_annotation(note: Any) -> tuple[str, ValueTest]:
-    """Words for the values that an annotation allows, and their test."""
+    """Words for the values that an argument's annotation allows, and their test."""
     origin, inner = get_origin(note), get_args(note)
     if hasattr(origin or note, "__value__"):  # a type alias of Python 3.12, as NumPy's NDArray is since 2.5
         return _kind_of_annotation((origin or note).__value__)
@@ -158,7 +157,7 @@ def _kind_of_annotation(note: Any) -> tuple[str, ValueTest]:
 
 
 def _is_sequence(value: Any) -> bool:
-    """Whether a value is a sequence, or an array of one axis."""
+    """Whether an argument is a sequence, or an array of one axis."""
     return (isinstance(value, Sequence) and not isinstance(value, str | bytes)) or getattr(value, "ndim", 0) == 1
 
 

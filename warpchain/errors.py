@@ -7,9 +7,9 @@ import warnings
 from collections.abc import Iterable
 
 MOST_ERROR_LINES = 100
-"""Most lines of an error, but one that counts the rest."""
+"""Most lines of an error, beside one that counts the rest."""
 _SKIPPED_PACKAGES = ("warpchain", "pydantic", "contextlib")
-"""Packages whose frames are between a caller of warpchain and a warning."""
+"""Packages whose frames a warning passes over."""
 
 
 class WarpchainError(Exception):

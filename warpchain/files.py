@@ -27,9 +27,9 @@ except ImportError:  # a system without flock
     fcntl = None  # type: ignore[assignment]
 
 WRITER_PATIENCE = 10.0
-"""Seconds that writers of small files wait for one another."""
+"""Time that writers of small files wait for one another [s]."""
 MOST_BYTES = 64 << 20
-"""Most bytes of a text or a drawing file that is read."""
+"""Most bytes of a text or drawing that is read."""
 LONGEST_NAME = 255
 """Most bytes of a file's name."""
 
@@ -80,13 +80,13 @@ class WriteLock:
 
 
 def _writer_text() -> str:
-    """Words on the process that writes a file, for other writers."""
+    """Text on the process that writes a file, for other writers."""
     now = datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds")
     return f"process {os.getpid()} on {socket.gethostname()} is writing it, since {now}"
 
 
 def _open_lock_file(path: Path) -> int:
-    """Opens a lock's file, made where missing; returns its descriptor."""
+    """Opens a lock file, made if missing; returns its descriptor."""
     try:
         return os.open(path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o666)
     except PermissionError:
@@ -167,7 +167,7 @@ def target_of_path(path: Path) -> Path:
 
 
 def _check_regular(kind: int) -> None:
-    """Raises an error for the mode of no regular file."""
+    """Raises OSError for the mode of no regular file."""
     if stat.S_ISDIR(kind):
         raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR))
     if not stat.S_ISREG(kind):
@@ -175,7 +175,7 @@ def _check_regular(kind: int) -> None:
 
 
 def open_regular_file(path: str | os.PathLike[str]) -> int:
-    """Opens a regular file, returns its descriptor; raises OSError for others."""
+    """Opens a regular file; returns its descriptor, raises OSError for others."""
     handle = os.open(path, os.O_RDONLY | os.O_CLOEXEC | getattr(os, "O_NONBLOCK", 0))
     try:
         _check_regular(os.fstat(handle).st_mode)
@@ -198,7 +198,7 @@ LEFTOVER_PATTERN = re.compile(rf"\..*\.lock|\..*\.partial|.*\.mcap{PARTIAL_PATTE
 
 
 class WholeFile:
-    """A file written under a temporary name, which `finish` turns into its own and `drop` removes.
+    """File written under a temporary name, which `finish` turns into its own and `drop` removes.
 
     Args:
         hidden: whether the temporary name begins with a dot.
@@ -288,7 +288,7 @@ def _sync_folder(folder: Path) -> None:
 
 @contextlib.contextmanager
 def whole_file(path: Path, overwrite: bool = True, patience: float = 0.0) -> Iterator[IO[bytes]]:
-    """A binary file to write in a `with` block, named at its end; see `WholeFile`."""
+    """Context with a binary file to write, named at its end; see `WholeFile`."""
     file = WholeFile(path, overwrite, patience=patience)
     try:
         yield file.stream
@@ -305,7 +305,7 @@ def write_text_file(path: Path, text: str, overwrite: bool = True) -> None:
 
 @contextlib.contextmanager
 def refusals_as_errors(path: str | Path, error: type[Exception]) -> Iterator[None]:
-    """Turns a system's refusal to write into an `error` of one line."""
+    """Context that turns a system's refusal to write into an `error` of one line."""
     try:
         yield
     except OSError as refused:
@@ -330,13 +330,13 @@ def read_regular_file(path: str | os.PathLike[str]) -> bytes:
 
 
 def check_file_size(path: str | os.PathLike[str]) -> None:
-    """Raises an OSError for a file that `read_regular_file` refuses, without reading it."""
+    """Raises OSError for a file that `read_regular_file` refuses, without reading it."""
     with open(open_regular_file(path), "rb") as file:
         _check_byte_count(os.fstat(file.fileno()).st_size)
 
 
 def _check_byte_count(length: int) -> None:
-    """Raises an error for a file of more than `MOST_BYTES`."""
+    """Raises OSError for a file of more than `MOST_BYTES`."""
     if length > MOST_BYTES:
         raise OSError(errno.EFBIG, f"it is larger than {MOST_BYTES} bytes")
 

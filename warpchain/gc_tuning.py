@@ -7,12 +7,12 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 
 RARE_THRESHOLD = 50_000
-"""New objects after which a garbage collection begins, in place of 700."""
+"""New objects that begin a garbage collection, in place of 700."""
 
 
 @contextmanager
 def rare_collections() -> Iterator[None]:
-    """Collects garbage less often in a `with` block."""
+    """Context with rarer garbage collections."""
     usual = gc.get_threshold()
     if usual[0] == 0 or usual[0] >= RARE_THRESHOLD:  # the caller's wish, or of a call that this one is inside
         yield

@@ -19,7 +19,6 @@ Progress = bool | ProgressReport
 COMPILING, RUNNING, RECORDING = "compiling", "running", "recording"
 """Phases of progress: kernels compile, variants run, and are recorded."""
 BAR_TEXT = "{desc}: {percentage:.0f} % of {total:.4g} {unit}"
-"""Words of a progress bar."""
 PHASES: dict[str, dict[str, Any]] = {
     COMPILING: {
         "name": "compiling kernels (the first time only, some 10 s on two free cores)",
@@ -40,7 +39,7 @@ PHASES: dict[str, dict[str, Any]] = {
 
 
 class ProgressLines:
-    """A progress bar for what is no terminal: lines, named as `tqdm`'s."""
+    """Progress bar for what is no terminal: lines, named as `tqdm`'s."""
 
     def __init__(
         self, total: float, name: str, unit: str, initial: float = 0.0, text: str = BAR_TEXT, few: bool = False
@@ -79,7 +78,7 @@ LINE_INTERVAL = 10.0
 
 
 def duration_text(seconds: float) -> str:
-    """A time [s] in words, such as "2 min 5 s"."""
+    """Text of a time [s], such as "2 min 5 s"."""
     whole = max(0, round(seconds))
     if whole < 60:
         return f"{whole} s"
@@ -91,7 +90,7 @@ def duration_text(seconds: float) -> str:
 def progress_bar(
     total: float, name: str, unit: str, initial: float = 0.0, text: str = BAR_TEXT, few: bool = False
 ) -> Any:
-    """A progress bar on standard error, or lines where that is no terminal.
+    """Progress bar on standard error, or lines where that is no terminal.
 
     Args:
         total, initial: how much there is to do, and is done before.
@@ -108,11 +107,11 @@ def progress_bar(
 
 
 def ignore_progress(phase: str, done: float, total: float) -> None:
-    """A `ProgressReport` that does nothing."""
+    """`ProgressReport` that does nothing."""
 
 
 def partial_report(report: ProgressReport, phase: str, begin: float, end: float, total: float = 1.0) -> ProgressReport:
-    """A `ProgressReport` for a part of some work, from `begin` to `end` of `total`."""
+    """`ProgressReport` of a part of some work, from `begin` to `end` of `total`."""
 
     def report_part(part: str, done: float, size: float) -> None:
         """Reports progress of a part as that of the whole work."""
@@ -126,7 +125,7 @@ def partial_report(report: ProgressReport, phase: str, begin: float, end: float,
 
 @contextmanager
 def progress_reporter(progress: Progress, **settings: Mapping[str, Any]) -> Iterator[ProgressReport]:
-    """A `ProgressReport` for a `with` block, by a bar, the user's function, or none.
+    """Context with a `ProgressReport` by a bar, the user's function, or none.
 
     `settings` of bars, by phase, take the place of `PHASES`.
     """
@@ -163,7 +162,7 @@ def progress_reporter(progress: Progress, **settings: Mapping[str, Any]) -> Iter
 
 
 class StopRequest:
-    """Whether the user asked to stop; a signal's handler."""
+    """Request of the user to stop; a signal's handler."""
 
     def __init__(self, around: StopRequest | None = None) -> None:
         self._around, self._asked = around, False
@@ -186,7 +185,7 @@ class StopRequest:
 
 @contextmanager
 def interruptible_work() -> Iterator[StopRequest]:
-    """Makes the first Ctrl-C in a `with` block a request that work checks between its parts.
+    """Context that makes the first Ctrl-C a request that work checks between its parts.
 
     Signals stay as they are in other threads and where a shell had them ignored.
     """

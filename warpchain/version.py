@@ -4,5 +4,5 @@ from importlib.metadata import version
 
 
 def installed_version() -> str:
-    """The installed version of warpchain."""
+    """Version of warpchain that is installed."""
     return version("warpchain")

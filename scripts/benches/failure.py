@@ -10,7 +10,7 @@ from common.cases import Line, case, case_option, table_head
 
 from warpchain.errors import StudyError
 from warpchain.study.analysis.failure_probability import FailureEstimate, Margin, design_points, subset_simulation
-from warpchain.study.analysis.importance_sampling import fit_mixture, importance_sampling, joint_estimate
+from warpchain.study.analysis.importance_sampling import combined_estimate, fit_mixture, importance_sampling
 from warpchain.study.results import Array
 
 
@@ -136,7 +136,7 @@ def risk_trial(state: LimitState, seed: int, count: int = 200, repeats: int = 8,
         sampled = str(error)
     found = subset.failed if isinstance(sampled, str) else (*subset.failed, *sampled.failed)
     points, search = design_points(state.margin, np.vstack(found))
-    return Trial(subset, sampled, joint_estimate(subset, sampled), search, len(points))
+    return Trial(subset, sampled, combined_estimate(subset, sampled), search, len(points))
 
 
 def coverage_row(found: list[FailureEstimate | str], probability: float) -> tuple[int, int, float]:

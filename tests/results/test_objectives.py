@@ -11,7 +11,7 @@ from warpchain.errors import SimulationError
 from warpchain.model import single_chain
 from warpchain.results.fatigue import Woehler
 from warpchain.results.metric_columns import unit_of_metric
-from warpchain.results.metric_formulas import column_of
+from warpchain.results.metric_formulas import column_of_value
 from warpchain.results.metrics import design_metric_columns
 from warpchain.results.objectives import add_objectives, engagement_impulses, trajectory_objectives
 from warpchain.results.run import Trajectory
@@ -22,7 +22,9 @@ DRIVE = two_sprockets(mass=1.5)
 
 def design_row(metrics):
     """The objectives of one variant, from its other metrics."""
-    columns = design_metric_columns([DRIVE], {name: column_of(np.array([value])) for name, value in metrics.items()})
+    columns = design_metric_columns(
+        [DRIVE], {name: column_of_value(np.array([value])) for name, value in metrics.items()}
+    )
     return {name: column.values[0] for name, column in columns.items() if not column.missing[0]}
 
 

@@ -15,7 +15,7 @@ from warpchain.results.units import quantity_words
 from warpchain.study.analysis import correlation, main_effects
 from warpchain.study.analysis.effects import median_effects
 from warpchain.study.analysis.failure_probability import FailureEstimate, design_points, subset_simulation
-from warpchain.study.analysis.importance_sampling import fit_mixture, importance_sampling, joint_estimate
+from warpchain.study.analysis.importance_sampling import combined_estimate, fit_mixture, importance_sampling
 from warpchain.study.analysis.interactions import interactions
 from warpchain.study.analysis.over_noise import designs_over_noise
 from warpchain.study.analysis.pareto import Goals
@@ -122,10 +122,10 @@ def test_estimates_that_differ_are_not_joined():
         return FailureEstimate(np.sqrt(low * high), low, high, 100, ())
 
     subset, sampled = estimate(1e-4, 4e-4), estimate(3e-4, 5e-4)
-    assert joint_estimate(subset, sampled) is sampled
-    assert joint_estimate(subset, "unknown: no sample failed") is subset
+    assert combined_estimate(subset, sampled) is sampled
+    assert combined_estimate(subset, "unknown: no sample failed") is subset
     for apart in (estimate(4.1e-4, 5e-4), estimate(1e-5, 9e-5)):
-        assert joint_estimate(subset, apart).startswith("unknown: the two intervals do not overlap")
+        assert combined_estimate(subset, apart).startswith("unknown: the two intervals do not overlap")
 
 
 def test_design_point_is_that_of_a_plane():

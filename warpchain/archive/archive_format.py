@@ -52,7 +52,7 @@ MESSAGE_FIELDS = {
     "warpchain.State": ", ".join(["double time", *(f"repeated double {channel.name}" for channel in BODY_CHANNELS)]),
     "warpchain.Positions": "Timestamp timestamp, repeated double position",
 }
-"""Fields of each archived protobuf message, numbered from 1."""
+"""Fields of archived protobuf messages, numbered from 1."""
 ENUM_VALUES = {
     "PackedElementField.NumericType": "UNKNOWN UINT8 INT8 UINT16 INT16 UINT32 INT32 FLOAT32 FLOAT64",
     "LinePrimitive.Type": "LINE_STRIP LINE_LOOP LINE_LIST",
@@ -62,18 +62,18 @@ SCALAR_TYPES = ("bool", "bytes", "double", "fixed32", "string")
 
 
 def message_class(name: str) -> type[Any]:
-    """Protobuf class of an archived message by its full name."""
+    """Protobuf class of an archived message, by full name."""
     return _message_classes()[name]
 
 
 def descriptor_set_bytes(message: type[Message]) -> bytes:
-    """Serialized FileDescriptorSet of a protobuf message, its MCAP schema."""
+    """FileDescriptorSet bytes of a protobuf message, its MCAP schema."""
     from google.protobuf.descriptor_pb2 import FileDescriptorSet
 
     files: dict[str, Any] = {}
 
     def add_with_dependencies(file: Any) -> None:
-        """Adds a .proto file behind those that it imports."""
+        """Adds a .proto file after those that it imports."""
         if file.name not in files:
             for dependency in file.dependencies:
                 add_with_dependencies(dependency)
@@ -88,7 +88,7 @@ def descriptor_set_bytes(message: type[Message]) -> bytes:
 
 @functools.cache
 def _message_classes() -> dict[str, type[Any]]:
-    """Protobuf classes of all archived messages by full name."""
+    """Protobuf classes of all archived messages, by full name."""
     from google.protobuf import descriptor_pool, duration_pb2, message_factory, timestamp_pb2
 
     pool = descriptor_pool.DescriptorPool()
@@ -100,7 +100,7 @@ def _message_classes() -> dict[str, type[Any]]:
 
 
 def _proto_file(full_name: str) -> FileDescriptorProto:
-    """Descriptor of the .proto file of one archived message."""
+    """Descriptor of an archived message's .proto file."""
     from google.protobuf.descriptor_pb2 import FileDescriptorProto
 
     package, message = full_name.split(".")
@@ -116,7 +116,7 @@ def _proto_file(full_name: str) -> FileDescriptorProto:
 def _add_proto_field(
     described: DescriptorProto, number: int, package: str, message: str, words: list[str]
 ) -> list[str]:
-    """Adds a field to a protobuf message; returns .proto files of its type."""
+    """Adds a field to a protobuf message; returns its type's .proto files."""
     from google.protobuf.descriptor_pb2 import FieldDescriptorProto as Field
 
     field = described.field.add(name=words[-1], number=number, label=Field.LABEL_OPTIONAL)
@@ -140,17 +140,17 @@ def _add_proto_field(
 
 
 FORMAT_VERSION = "2"
-"""Version of the archive's format; readers refuse any other."""
+"""Version of the format; readers refuse any other."""
 
 RUN_METADATA = "warpchain"
-"""Name of the metadata record at an archive file's start."""
+"""Metadata record at a file's start."""
 END_METADATA = "warpchain.end"
-"""Name of the metadata record at an archive file's end."""
+"""Metadata record at a file's end."""
 METRICS_ATTACHMENT = "metrics.arrow"
 
 COLOR_FIELDS = ("red", "green", "blue", "alpha")
 NUMERIC_TYPE_CODES = {"u1": 1, "f4": 7, "f8": 8}
-"""foxglove.PackedElementField.NumericType by numpy's type codes."""
+"""foxglove.PackedElementField.NumericType by numpy's type."""
 
 JOINT_STATE_DEFINITION = """std_msgs/Header header
 string[] name
@@ -179,16 +179,16 @@ TOPICS = {
 }
 """Schema of each topic of a recorded variant."""
 MOST_VARIANTS = 65535 // len(TOPICS)
-"""Most recorded variants in an archive file, by MCAP's channel numbers."""
+"""Most recorded variants in a file, by MCAP's channel numbers."""
 
 
 def end_with_start_copy(end: Mapping[str, str], start: Mapping[str, str]) -> dict[str, str]:
-    """Metadata at an archive file's end, with those at its start."""
+    """Metadata of an archive file's end, with its start's copied."""
     return {**end, "run": json.dumps(dict(start))}
 
 
 def start_copy_of_end(end: Mapping[str, str]) -> dict[str, str]:
-    """Start's metadata that an archive file's end repeats, or {}."""
+    """Start's metadata copied at an archive file's end, or {}."""
     return {str(name): str(value) for name, value in parse_json(end.get("run", "{}")).items()}
 
 
@@ -198,7 +198,7 @@ def topic_path(variant: int, topic: str) -> str:
 
 
 def variant_and_topic(path: str) -> tuple[int, str] | None:
-    """Variant and topic of a topic's full name; None for another program's."""
+    """Variant and topic of a topic's full name, or None."""
     words = path.split("/")
     if len(words) == 4 and words[1] == "variant" and words[3] in TOPICS and re.fullmatch(r"[0-9]{5,9}", words[2]):
         return int(words[2]), words[3]
@@ -206,12 +206,12 @@ def variant_and_topic(path: str) -> tuple[int, str] | None:
 
 
 def channel_numbers(place: int) -> dict[str, int]:
-    """MCAP channel number of each topic of an archive file's variant."""
+    """MCAP channel number of each topic of a variant."""
     return {topic: 1 + place * len(TOPICS) + k for k, topic in enumerate(TOPICS)}
 
 
 def topic_schema(name: str) -> tuple[str, bytes]:
-    """MCAP encoding and bytes of a topic's schema, by the schema's name."""
+    """MCAP encoding and bytes of a topic's schema, by name."""
     if name == "sensor_msgs/msg/JointState":
         return "ros2msg", JOINT_STATE_DEFINITION.encode()
     return "protobuf", descriptor_set_bytes(message_class(name))
@@ -223,17 +223,17 @@ def body_frame_name(variant: int, name: str) -> str:
 
 
 def drive_attachment_name(variant: int) -> str:
-    """Name of the attachment that holds a variant's drive file."""
+    """Name of the attachment with a variant's drive file."""
     return f"drives/{variant:05d}.toml"
 
 
 def drive_copy_name(variant: int) -> str:
-    """Name of the attachment that repeats a variant's drive file."""
+    """Name of the attachment with a drive file's copy."""
     return f"drives/{variant:05d}.copy.toml"
 
 
 def roller_dtype(channels: frozenset[str], precision: str) -> np.dtype[np.void]:
-    """Packed dtype of one archived roller: its channels, z = 0, its color."""
+    """Packed dtype of an archived roller: channels, z = 0, color."""
     code = "<f8" if precision == "float64" else "<f4"
     names: list[str] = []
     for channel in ROLLER_CHANNELS:
@@ -262,7 +262,7 @@ def varint_bytes(value: int) -> bytes:
 
 
 def joint_state_template(names: list[str], arrays: list[str]) -> tuple[bytes, dict[str, int], int]:
-    """CDR bytes of an archived JointState of zeros, offsets of its `arrays`, and of its stamp."""
+    """CDR bytes of an archived JointState, offsets of `arrays`, and of its stamp."""
     out = bytearray(b"\x00\x01\x00\x00")  # encapsulation: CDR, little-endian; alignment counts from here
 
     def append_padding(size: int) -> None:

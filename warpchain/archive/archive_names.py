@@ -1,7 +1,7 @@
 """File names of an archive: one or a set, what a killed run left of them, and the writer's lock.
 
-A set is `run.part0000.mcap`, `run.part0001.mcap` and so on. One that replaces another is an edition,
-`run.part0000-2.mcap`; it is the archive once its last part, which says how many there are, has its name.
+A set `run.part0000.mcap` and so on that replaces another is an edition, `run.part0000-2.mcap`, and is the archive once
+its last part has its name.
 """
 
 from __future__ import annotations
@@ -20,11 +20,10 @@ from warpchain.errors import ArchiveError
 from warpchain.files import PARTIAL_PATTERN, WriteLock, refusals_as_errors, target_of_path
 
 PART_STEM = re.compile(r"(.*)\.part(\d{4,9})(?:-(\d{1,9}))?")
-"""Stem of an archive part's file name: archive, number, edition."""
 
 
 class PartName(NamedTuple):
-    """Archive, number and edition that a part's file name states."""
+    """Archive, number and edition in a part's file name."""
 
     archive: Path
     number: int
@@ -38,13 +37,13 @@ def part_path(path: Path, number: int, edition: int = 1) -> Path:
 
 
 def parse_part_name(path: Path) -> PartName | None:
-    """Archive, number and edition that a part's file name states, or None."""
+    """Archive, number and edition in a part's file name, or None."""
     found = PART_STEM.fullmatch(path.stem)
     return found and PartName(path.with_name(found[1] + path.suffix), int(found[2]), int(found[3] or 1))
 
 
 def files_by_edition(path: Path) -> dict[int, list[Path]]:
-    """Files of an archive's sets, in order by edition."""
+    """Files of an archive's sets in order, by edition."""
     found: dict[int, dict[int, Path]] = {}
     if path.parent.is_dir():
         for file in path.parent.iterdir():
@@ -55,7 +54,7 @@ def files_by_edition(path: Path) -> dict[int, list[Path]]:
 
 
 def part_files(path: Path) -> list[Path]:
-    """Files of an archive's latest whole edition, in order; empty without one."""
+    """Files of an archive's latest whole edition in order, if any."""
     found = files_by_edition(path)
     if not found:
         return []
@@ -81,12 +80,12 @@ def unfinished_files(path: Path) -> list[Path]:
 
 
 def finished_path(file: Path) -> Path:
-    """Path that an unfinished archive file was to have."""
+    """Path of an unfinished archive file once finished."""
     return file.with_name(re.sub(PARTIAL_PATTERN + "$", "", file.name))
 
 
 def archive_files(path: Path) -> list[Path]:
-    """Files of an archive, in order, by its name or a part's."""
+    """Files of an archive in order, by its name or a part's."""
     named = parse_part_name(path)
     is_file = os.path.isfile(path)  # False also of a name too long, where a path's own method raises
     if named and is_file:
@@ -95,7 +94,7 @@ def archive_files(path: Path) -> list[Path]:
 
 
 class ArchiveTarget:
-    """Name that an archive is written to, locked for one writer; `split` makes a set of files.
+    """Name of an archive to write, locked; `split` makes a set of files.
 
     Raises:
         ArchiveError: an archive of that name and no `overwrite`, another writer, a folder, or a disk that refuses.
@@ -117,12 +116,12 @@ class ArchiveTarget:
             raise
 
     def begin_file(self, number: int, library: str) -> McapWriter:
-        """Writer of the archive's file of a number, from 0."""
+        """Writer of the archive's file `number`, from 0."""
         path = part_path(self.path, number, self._edition) if self.split else self.path
         return McapWriter(path, library, self.overwrite, claimed=True)
 
     def check_free(self) -> None:
-        """Refuses to go on where another archive must keep the name."""
+        """Raises ArchiveError where another archive must keep the name."""
         there = [
             file for edition, files in files_by_edition(self.path).items() if edition != self._edition for file in files
         ]
@@ -140,7 +139,7 @@ class ArchiveTarget:
                     file.unlink()
 
     def discard_files(self, files: Iterable[Path]) -> None:
-        """Removes whole files of an archive's set that stays incomplete; raises nothing."""
+        """Removes files of an archive's incomplete set; raises nothing."""
         if self.split:
             for file in files:
                 with contextlib.suppress(OSError):

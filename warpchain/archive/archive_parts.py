@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 
 
 class ArchivePart:
-    """One file of an archive, being written."""
+    """File of an archive, being written."""
 
     def __init__(self, file: McapWriter, start: Mapping[str, str], drives: bool) -> None:
         self.file, self.start, self._drives = file, start, drives
@@ -35,7 +35,7 @@ class ArchivePart:
     def open_variant(
         self, variant: int, place: int, content: FrameContent, drive: Drive, facts: Mapping[str, str]
     ) -> None:
-        """Begins a variant's topics in this archive file, unless that was done.
+        """Begins a variant's topics in this archive file, once.
 
         `place`, of the variant in this file, numbers its channels; `facts` are metadata.
         """
@@ -68,7 +68,7 @@ class ArchivePart:
 
 
 def attach_drives(file: McapWriter, drives: Mapping[int, Drive]) -> None:
-    """Appends variants' drive files to an archive file, and copies of them."""
+    """Appends variants' drive files, and copies, to an archive file."""
     texts = {variant: dumps_drive(drive).encode() for variant, drive in drives.items()}
     for name in (archive_format.drive_attachment_name, archive_format.drive_copy_name):
         for variant, text in texts.items():
@@ -76,7 +76,7 @@ def attach_drives(file: McapWriter, drives: Mapping[int, Drive]) -> None:
 
 
 class ArchiveParts:
-    """Files of an archive, being written; raises ArchiveError wherever a folder or disk refuses."""
+    """Files of an archive, being written; raises ArchiveError if refused."""
 
     def __init__(
         self,
@@ -130,7 +130,7 @@ class ArchiveParts:
         return part
 
     def place_in_part(self, position: int) -> int:
-        """Place in its archive file of the variant recorded in a position."""
+        """Place of a recorded variant in its archive file."""
         return position % self._per_part
 
     def part_for_chunk(self, position: int) -> ArchivePart:
@@ -153,7 +153,7 @@ class ArchiveParts:
         part.file.finish_file()
 
     def finish_archive(self, metrics: pa.Table, info: RunInfo) -> None:
-        """Ends all files of the archive, the last with metrics and the run's end."""
+        """Ends the archive's files, with metrics and the run's end."""
         self._target.check_free()
         last = self._parts[-1]
         for part in self._parts[:-1]:
@@ -170,7 +170,7 @@ class ArchiveParts:
         self._target.release_lock()
 
     def _unfinished_files(self) -> list[McapWriter]:
-        """Unfinished files of the archive that are worth keeping."""
+        """Unfinished files of the archive worth keeping."""
         return [
             part.file
             for part in self._parts
@@ -178,7 +178,7 @@ class ArchiveParts:
         ]
 
     def _kept_files_text(self) -> str:
-        """Words that name the kept files of an unfinished archive, or ""."""
+        """Text on an unfinished archive's kept files, or ""."""
         whole = [part.file.path for part in self._parts if self._salvage and part.file.is_finished]
         words = [str(file.partial_path) for file in self._unfinished_files()]
         if whole:
@@ -187,12 +187,12 @@ class ArchiveParts:
         return f"what was written until then is in {', '.join(words)}: see warpchain recover" if words else ""
 
     def refusal_error(self, error: ArchiveError) -> ArchiveError:
-        """Archive error of a disk that refuses, naming kept files."""
+        """Error of a disk that refuses, naming the archive's kept files."""
         kept = self._kept_files_text()
         return ArchiveError(f"{error}; {kept}") if kept else error
 
     def close_unfinished(self, named: bool = False) -> None:
-        """Drops unfinished files of the archive, or with `salvage` keeps those with frames.
+        """Drops the archive's unfinished files, or with `salvage` keeps those with frames.
 
         A warning names these, unless an error has `named` them.
         """
@@ -209,7 +209,7 @@ class ArchiveParts:
 
 
 def media_type(name: str) -> str:
-    """Media type of an archive's attachment, by its name."""
+    """Media type of an archive's attachment, by name."""
     kinds = {
         ".arrow": "application/vnd.apache.arrow.file",
         ".parquet": "application/vnd.apache.parquet",
@@ -229,7 +229,7 @@ def _run_metadata(info: RunInfo) -> dict[str, str]:
 
 
 def variant_numbers(options: ArchiveOptions, drives: Sequence[Drive]) -> Sequence[int]:
-    """Numbers by which an archive calls a run's variants; raises ArchiveError for a wrong count."""
+    """Numbers of an archive's variants; raises ArchiveError for a wrong count."""
     if options.numbers is None:
         return range(len(drives))
     if len(options.numbers) != len(drives):
@@ -238,7 +238,7 @@ def variant_numbers(options: ArchiveOptions, drives: Sequence[Drive]) -> Sequenc
 
 
 def _arrow_bytes(table: pa.Table) -> bytes:
-    """Bytes of a metrics table as an Arrow IPC file."""
+    """Arrow IPC bytes of a metrics table."""
     import pyarrow as pa
 
     sink = pa.BufferOutputStream()

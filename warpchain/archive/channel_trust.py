@@ -14,7 +14,7 @@ from warpchain.archive.mcap_write import McapWriter
 
 
 def untrusted_channel(index: McapIndex) -> Channel | None:
-    """First channel of an archive whose digest is wrong, or None."""
+    """First channel of an archive with a wrong digest, or None."""
     if not index.has_digests:
         return None
     recorded: list[str] | None = None
@@ -29,7 +29,7 @@ def untrusted_channel(index: McapIndex) -> Channel | None:
 
 
 def _recorded_numbers(start: Mapping[str, str]) -> list[str]:
-    """Numbers, as words, of the variants that one archive file can hold."""
+    """Numbers, as words, of variants that an archive file can hold."""
     return start.get("recorded", "").split()[: archive_format.MOST_VARIANTS]
 
 
@@ -39,7 +39,7 @@ def _is_foreign(channel: Channel) -> bool:
 
 
 def _is_renumbered(channel: Channel, schemas: Mapping[int, Schema], recorded: Sequence[str]) -> bool:
-    """Whether a channel's digest is right under a number that warpchain gives to its topic."""
+    """Whether a channel's digest is right under a number of warpchain's."""
     named = archive_format.variant_and_topic(channel.topic)
     if named is None:
         return False
@@ -49,7 +49,7 @@ def _is_renumbered(channel: Channel, schemas: Mapping[int, Schema], recorded: Se
 
 
 class TrustedTopics:
-    """Channels and schemas of a broken archive, each copied when a chunk asks for it.
+    """Channels and schemas of a broken archive, copied when asked for.
 
     With a right summary, `index`, its channels are trusted.
     """
@@ -62,7 +62,7 @@ class TrustedTopics:
         self._variants: dict[int, int | None] = {}
 
     def add_schema(self, found: Schema) -> None:
-        """Adds a broken archive's schema; raises ValueError for another one's number."""
+        """Adds a broken archive's schema; raises ValueError if its number is taken."""
         if self._schemas.setdefault(found.id, found) != found:
             raise ValueError("two schemas of a number")
 
@@ -72,7 +72,7 @@ class TrustedTopics:
         self._found.append(channel)
 
     def decide_trust(self, start: Mapping[str, str], used: Collection[int]) -> int:
-        """Decides which added channels of a broken archive can be trusted; returns how many cannot.
+        """Decides which channels of a broken archive to trust; returns how many not.
 
         `used` are channel numbers of messages; all must be described where one is not warpchain's own.
         """
@@ -104,7 +104,7 @@ class TrustedTopics:
         return wrong
 
     def _has_digest(self, channel: Channel) -> bool:
-        """Whether a channel has its digest, or with warpchain's own schema."""
+        """Whether a channel's digest is right, or with warpchain's own schema."""
         wanted = channel.metadata.get(DIGEST_KEY)
         named = archive_format.variant_and_topic(channel.topic)
         known = self._schemas.get(channel.schema_id)
@@ -120,7 +120,7 @@ class TrustedTopics:
         return False
 
     def _has_own_number(self, channel: Channel, start: Mapping[str, str]) -> bool:
-        """Whether a channel without digest has the number that warpchain gives to its topic."""
+        """Whether a channel without digest has warpchain's number for its topic."""
         named = archive_format.variant_and_topic(channel.topic)
         if named is None:
             return True
@@ -141,11 +141,11 @@ class TrustedTopics:
         return archive_format.variant_and_topic(channel.topic) if channel else None
 
     def is_known(self, number: int) -> bool:
-        """Whether a broken archive's channel is described and can be trusted."""
+        """Whether a broken archive's channel is described and trusted."""
         return number in self._channels and self._channels[number].schema_id in self._schemas
 
     def copy_topics(self, file: McapWriter, numbers: Iterable[int]) -> None:
-        """Copies trusted channels and schemas into an archive file; raises ValueError for others."""
+        """Copies trusted channels to an archive file; raises ValueError for others."""
         wanted = [number for number in numbers if not file.has_channel(number)]
         for number in wanted:
             if not self.is_known(number):

@@ -31,14 +31,13 @@ MESSAGE_HEADER = np.dtype(
         ("publish_time", "<u8"),
     ]
 )
-"""Head of an MCAP message record; `length` counts what follows it."""
 RECORD_HEAD_BYTES = 9
 JOINT_STATE_CHANNELS = {"position": "sprocket_angle", "velocity": "sprocket_speed", "effort": "sprocket_moment"}
 COLOR_STEPS = 1024
 
 
 class _BodyBuilder:
-    """Builder of an archived message body's dtype and template."""
+    """Builder of an archived message body: dtype and template."""
 
     def __init__(self) -> None:
         self.template = bytearray()
@@ -61,7 +60,7 @@ class _BodyBuilder:
         self.add_value(name, kind)
 
     def add_timestamp(self, mark: str = "") -> None:
-        """Appends field 1, a protobuf Timestamp with numbers padded to five bytes."""
+        """Appends field 1, a protobuf Timestamp of padded numbers."""
         self.add_bytes(b"\x0a\x0c\x08")
         self.add_value(f"seconds{mark}", ("u1", (5,)))
         self.add_bytes(b"\x10")
@@ -114,7 +113,7 @@ class FrameContent:
     def from_drive(
         cls, drive: Drive, channels: tuple[str, ...], precision: str, values: str, exact: bool, variant: int
     ) -> FrameContent:
-        """Content of the frames of a drive with these channels."""
+        """Content of a drive's frames with these channels."""
         names = tuple(sprocket.name for sprocket in drive.sprockets)
         arms = tuple(arm.name for arm in drive.arms)
         sizes = PartCounts.of_drive(drive)
@@ -123,19 +122,19 @@ class FrameContent:
 
     @property
     def topics(self) -> tuple[str, ...]:
-        """Topics of an archived frame, in the order of its messages."""
+        """Topics in a chunk's frame, in order."""
         joints = ("sprockets",) if any(name in self.channels for name in JOINT_STATE_CHANNELS.values()) else ()
         exact = ("positions",) if self.has_exact_positions else ()
         return ("rollers", "state", *joints, *exact, *(("transforms",) if self.has_sprocket_poses else ()))
 
     @property
     def turning_bodies(self) -> tuple[str, ...]:
-        """Names of bodies whose Foxglove frame turns: sprockets, arms."""
+        """Names of bodies whose Foxglove frame turns."""
         return self.sprockets + (self.arms if "arm_angle" in self.channels else ())
 
     @property
     def has_sprocket_poses(self) -> bool:
-        """Whether archived frames hold angles and centers of the sprockets."""
+        """Whether a chunk's frames hold angles and centers of sprockets."""
         return {"sprocket_angle", "sprocket_center"} <= set(self.channels)
 
     def channel_type(self, channel: str) -> str:
@@ -145,19 +144,19 @@ class FrameContent:
         return self.values if CHANNEL_BY_NAME[channel].is_of_rollers else self.precision
 
     def channel_shape(self, channel: str) -> tuple[int, ...]:
-        """Shape of an archived channel in one frame."""
+        """Shape of a channel in a chunk's frame."""
         return CHANNEL_BY_NAME[channel].shape(self.part_counts)
 
     @property
     def part_counts(self) -> PartCounts:
-        """Numbers of the parts of which an archive's channels are recorded."""
+        """Numbers of the parts that an archive's channels are of."""
         bodies = len(self.sprockets), len(self.arms), self.tensioners, self.shafts, self.couplings, self.valves
         return PartCounts(self.links, *bodies)
 
 
 @dataclass(frozen=True)
 class ChunkLayout:
-    """Byte layout of one frame in an MCAP chunk: `dtype` has a field a topic, `template` is zeros."""
+    """Byte layout of a frame in an MCAP chunk: `dtype`, a field a topic, and `template`."""
 
     content: FrameContent
     dtype: np.dtype[np.void]
@@ -165,7 +164,7 @@ class ChunkLayout:
 
     @property
     def frame_bytes(self) -> int:
-        """Bytes of one frame."""
+        """Bytes of a frame in a chunk."""
         return len(self.template)
 
     def topic_offset(self, topic: str) -> int:
@@ -175,7 +174,7 @@ class ChunkLayout:
     def encode_frames(
         self, chunks: Sequence[Trajectory], first: int, channels: Sequence[int], full_scale: float
     ) -> Any:
-        """Archived frames as an array (frames,) of `dtype`, the bytes of an MCAP chunk.
+        """Frames as an array (frames,) of `dtype`, the bytes of an MCAP chunk.
 
         `first` numbers the first frame; tension colors end at `full_scale` [N].
         """
@@ -208,7 +207,7 @@ class ChunkLayout:
         return frames
 
     def _write_values(self, frames: Any, chunk: Trajectory, full_scale: float) -> None:
-        """Writes a trajectory's values and colors into frames of `dtype`."""
+        """Writes a trajectory's values and colors into a chunk's frames."""
         points = frames["rollers"]["body"]["data"]
         for channel, values in chunk.channels().items():
             if CHANNEL_BY_NAME[channel].is_of_rollers:
@@ -238,7 +237,7 @@ class ChunkLayout:
                 body[f"sine_{s}"], body[f"cosine_{s}"] = np.sin(0.5 * angle), np.cos(0.5 * angle)
 
     def channel_views(self, frames: Any) -> dict[str, NDArray[Any]]:
-        """Time and channels by name, as views of archived frames' bytes."""
+        """Time and channels by name, views of archived frames' bytes."""
         held = {"time": frames["state"]["body"]["time"]}
         for channel in self.content.channels:
             if channel == "position" and self.content.has_exact_positions:
@@ -252,7 +251,7 @@ class ChunkLayout:
 
 @functools.lru_cache(maxsize=256)
 def layout_of_content(content: FrameContent) -> ChunkLayout:
-    """Byte layout of archived frames with this content."""
+    """Byte layout of a chunk's frames with this content."""
     build = {
         "state": _state_body,
         "sprockets": _joint_state_body,
@@ -269,7 +268,7 @@ def layout_of_content(content: FrameContent) -> ChunkLayout:
 
 
 def _roller_cloud_body(content: FrameContent) -> _BodyBuilder:
-    """Body of the topic "rollers": a PointCloud of packed rollers."""
+    """Chunk's body of topic "rollers": a PointCloud of packed rollers."""
     layout = archive_format.roller_dtype(frozenset(content.channels), content.values)
     code = np.dtype(content.values).newbyteorder("<")
     point = _BodyBuilder()
@@ -287,7 +286,7 @@ def _roller_cloud_body(content: FrameContent) -> _BodyBuilder:
 
 
 def _state_body(content: FrameContent) -> _BodyBuilder:
-    """Body of the topic "state": time and the channels of bodies."""
+    """Chunk's body of topic "state": time, and channels of bodies."""
     body = _BodyBuilder()
     body.add_bytes(b"\x09")
     body.add_value("time", "<f8")
@@ -298,7 +297,7 @@ def _state_body(content: FrameContent) -> _BodyBuilder:
 
 
 def _joint_state_body(content: FrameContent) -> _BodyBuilder:
-    """Body of the topic "sprockets": a CDR JointState."""
+    """Chunk's body of topic "sprockets": a CDR JointState."""
     arrays = [name for name, channel in JOINT_STATE_CHANNELS.items() if channel in content.channels]
     template, offsets, stamp = archive_format.joint_state_template(list(content.sprockets), arrays)
     body = _BodyBuilder()
@@ -309,7 +308,7 @@ def _joint_state_body(content: FrameContent) -> _BodyBuilder:
 
 
 def _positions_body(content: FrameContent) -> _BodyBuilder:
-    """Body of the topic "positions": roller positions as float64."""
+    """Chunk's body of topic "positions": roller positions as float64."""
     body = _BodyBuilder()
     body.add_timestamp()
     body.add_message_field(2, "position", ("<f8", (content.links, 2)))
@@ -325,7 +324,7 @@ def message_record(channel: int, sequence: int, stamp: int, body: bytes) -> byte
 
 
 def _transforms_body(content: FrameContent) -> _BodyBuilder:
-    """Body of the topic "transforms": a FrameTransform a sprocket or arm."""
+    """Chunk's body of topic "transforms": a FrameTransform a sprocket or arm."""
     body = _BodyBuilder()
     for s, name in enumerate(content.turning_bodies):
         one = _BodyBuilder()
@@ -352,13 +351,13 @@ def _transforms_body(content: FrameContent) -> _BodyBuilder:
 
 
 def field_offset(dtype: np.dtype[np.void], name: str) -> int:
-    """Offset [bytes] of a field in a structured dtype of frames."""
+    """Offset [bytes] of a field in a frame's dtype."""
     fields: Any = dtype.fields
     return int(fields[name][1])
 
 
 def _write_padded_varints(out: Any, values: NDArray[np.uint64]) -> None:
-    """Writes numbers as protobuf varints padded to five bytes (frames, 5)."""
+    """Writes protobuf varints padded to five bytes (frames, 5)."""
     for k in range(5):
         more = 0x80 if k < 4 else 0
         out[:, k] = (values >> np.uint64(7 * k)).astype(np.uint8) & 0x7F | more
@@ -366,13 +365,13 @@ def _write_padded_varints(out: Any, values: NDArray[np.uint64]) -> None:
 
 @functools.cache
 def _color_table() -> NDArray[np.uint32]:
-    """Packed colors of archived tensions, then of an unknown one."""
+    """Packed colors of archived tensions, the last of an unknown one."""
     share = np.append(np.linspace(0.0, 1.0, COLOR_STEPS), np.nan)
     return tension_colors(share, 1.0).view("<u4")[:, 0]
 
 
 def _color_indices(chunk: Trajectory, shape: tuple[int, ...], full_scale: float) -> NDArray[np.intp]:
-    """Index into the color table of each roller's link tension."""
+    """Color table's index of each roller's link tension."""
     if chunk.tension is None:
         return np.full(shape, COLOR_STEPS)
     share = np.clip(chunk.tension * ((COLOR_STEPS - 1) / full_scale), 0.0, COLOR_STEPS - 1)

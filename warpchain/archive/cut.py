@@ -25,7 +25,7 @@ def cut_archive(
     overwrite: bool = False,
     compression: str = "zstd",
 ) -> dict[int, int]:
-    """Cuts an archive, bit by bit as it was recorded; returns the number of frames of each variant.
+    """Cuts an archive, bit by bit as recorded; returns numbers of frames by variant.
 
     Drives, metrics, attachments and provenance come along.
 
@@ -72,12 +72,12 @@ def cut_archive(
 
 
 def _time_text(time: float | None, word: str) -> str:
-    """Time of a cut for a message; `word` for none."""
+    """Text of a cut's time; `word` for none."""
     return word if time is None else f"{time:g} s"
 
 
 def _cut_options(run: Archive, numbers: Sequence[int], variant: int, compression: str) -> ArchiveOptions:
-    """Options to write a cut as its archive was written."""
+    """Options that write a cut as its archive was written."""
     content = run.trajectories.chunk_layout(variant).content
     packed = content.values == "float32" and content.precision == "float64"
     return ArchiveOptions(
@@ -91,7 +91,7 @@ def _cut_options(run: Archive, numbers: Sequence[int], variant: int, compression
 
 
 def _whole_precision_blocks(run: Archive, variant: int, start: float | None, end: float | None) -> Iterator[Trajectory]:
-    """Frames of an archived variant chunk by chunk, in the run's precision."""
+    """Frames of an archived variant by chunk, in the run's precision."""
     precision = run.trajectories.chunk_layout(variant).content.precision
     for block in run.blocks(variant, start, end):
         held = {name: np.array(values, dtype=precision) for name, values in block.channels().items()}

@@ -1,8 +1,4 @@
-"""Digests of MCAP records that have no checksum: metadata, and channels with their schemas.
-
-A digest is the first 16 hexadecimal digits of the SHA-256 of a JSON text (no blanks, keys sorted, UTF-8): of metadata
-[name, values], of a channel [number, topic, message encoding, metadata, schema's name, its encoding, its SHA-256].
-"""
+"""Digests of MCAP records that have no checksum: metadata, and channels with their schemas (docs/archive.md)."""
 
 from __future__ import annotations
 
@@ -55,13 +51,13 @@ def channel_digest(channel: Channel, schema: Schema) -> str:
 
 
 def has_right_digest(channel: Channel, schemas: Mapping[int, Schema]) -> bool:
-    """Whether an MCAP channel's digest is that of it and its schema."""
+    """Whether an MCAP channel's digest is right."""
     schema = schemas.get(channel.schema_id)
     return schema is not None and channel.metadata.get(DIGEST_KEY) == channel_digest(channel, schema)
 
 
 def checked_metadata(name: str, values: Mapping[str, str], has_digests: bool) -> dict[str, str]:
-    """Values of an MCAP metadata record without their digest; raises ValueError for a wrong one."""
+    """Values of an MCAP metadata record; raises ValueError for a wrong digest."""
     if values.get(DIGEST_KEY, None if has_digests else metadata_digest(name, values)) != metadata_digest(name, values):
         raise ValueError(f"metadata {name}: their digest is wrong")
     return metadata_without_digest(values)

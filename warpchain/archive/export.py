@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 
 
 def export_metrics(archive: str | Path, output: str | Path) -> Path:
-    """Exports an archive's metrics as CSV or Parquet by the file's ending; returns the path.
+    """Exports an archive's metrics as CSV or Parquet; returns the path.
 
     Raises:
         ArchiveError: an unreadable archive, another ending, or a file that cannot be written.
@@ -40,7 +40,7 @@ def export_orders(archive: str | Path, output: str | Path, variant: int | None =
     """Exports `order_levels` of an archived variant as CSV or Parquet; returns the path.
 
     Raises:
-        ArchiveError, SimulationError: as `export`; or a driver that does not turn one way.
+        ArchiveError, SimulationError: as of `export`; or a driver that does not turn one way.
     """
     from warpchain.results.housing import order_levels
 
@@ -48,7 +48,7 @@ def export_orders(archive: str | Path, output: str | Path, variant: int | None =
 
 
 def _read_trajectory(archive: str | Path, variant: int | None) -> Trajectory:
-    """Trajectory of an archive's variant; None takes the first recorded."""
+    """Trajectory of an archive's variant, None the first recorded."""
     from warpchain.archive.writer import read_archive
 
     run = read_archive(archive)
@@ -56,7 +56,7 @@ def _read_trajectory(archive: str | Path, variant: int | None) -> Trajectory:
 
 
 def export(archive: str | Path, output: str | Path, variant: int | None = None) -> Path:
-    """Exports one variant's trajectory in a format of `TRAJECTORY_WRITERS` by the file's ending; returns the path.
+    """Exports a variant's trajectory in the format of the ending; returns the path.
 
     Values are in SI units. In .npz, .h5 and .mat a channel is an array (F, ...); in .csv and .parquet every number has
     a column, such as `position.12.x` or `sprocket_speed.camshaft`, one row a frame. .unv, .uff and .mf4 hold the loads
@@ -80,7 +80,7 @@ def export(archive: str | Path, output: str | Path, variant: int | None = None) 
 
 
 def flat_table(trajectory: Trajectory) -> pa.Table:
-    """Table of a trajectory with a column a number: CHANNEL.INDEX or CHANNEL.NAME, vectors with .x, .y."""
+    """Table of a trajectory to export, a column a number: CHANNEL.INDEX or CHANNEL.NAME."""
     import pyarrow as pa
 
     columns: dict[str, NDArray[Any]] = {"time": trajectory.time}
@@ -101,7 +101,7 @@ def flat_table(trajectory: Trajectory) -> pa.Table:
 
 
 def _bodies_by_kind(drive: Drive) -> dict[str, Sequence[Any]]:
-    """Sprockets, arms, tensioners, shafts, couplings, valves of an exported drive, by kind."""
+    """Bodies of an exported drive, by kind of part."""
     held = {
         "sprocket": drive.sprockets,
         "arm": drive.arms,
@@ -120,7 +120,7 @@ def _write_npz(file: IO[bytes], trajectory: Trajectory) -> None:
 
 
 def _write_csv(file: IO[bytes], trajectory: Trajectory) -> None:
-    """Writes a trajectory as CSV, with units in the names: `tension.12 [N]`."""
+    """Writes a trajectory as CSV, units in heads: `tension.12 [N]`."""
     from pyarrow import csv
 
     csv.write_csv(table_with_unit_heads(flat_table(trajectory)), file)
@@ -134,7 +134,7 @@ def _write_parquet(file: IO[bytes], trajectory: Trajectory) -> None:
 
 
 def _write_hdf5(file: IO[bytes], trajectory: Trajectory) -> None:
-    """Writes a trajectory as HDF5: a dataset a channel with `units` and `description`."""
+    """Writes a trajectory as HDF5: a dataset a channel, `units`, `description`."""
     import h5py
 
     # in memory first: where a disk refuses, the library's own writing ends the process when it is cleaned up
@@ -157,7 +157,7 @@ def _write_hdf5(file: IO[bytes], trajectory: Trajectory) -> None:
 
 
 def _write_matlab(file: IO[bytes], trajectory: Trajectory) -> None:
-    """Writes a trajectory as MATLAB's format 5: a variable a channel, a struct `units`."""
+    """Writes a trajectory as MATLAB's format 5: a variable a channel, `units`."""
     from scipy.io import savemat
 
     channels = channels_with_own(trajectory)

@@ -18,11 +18,10 @@ if TYPE_CHECKING:
     from warpchain.results.run import Trajectory
 
 UFF_FORCE, UFF_TIME, UFF_TIME_RESPONSE, UFF_MOMENT_ABOUT_Z = 13, 17, 1, 6
-"""Codes of UFF dataset 58: force, time; time response; moment about z."""
 
 
 def write_universal_file(file: IO[bytes], trajectory: Trajectory) -> None:
-    """Writes housing loads as a Universal File: a node a place, a function (58, binary, double) a component."""
+    """Writes housing loads as a Universal File: a node a place, a function a component."""
     import pyuff
 
     time, loads = np.asarray(trajectory.time, dtype=float), housing_loads(trajectory)
@@ -50,7 +49,7 @@ def write_universal_file(file: IO[bytes], trajectory: Trajectory) -> None:
 
 
 def _mdf_signals(trajectory: Trajectory) -> Iterator[tuple[str, str, Any]]:
-    """Name, unit and values of MDF4 signals: housing loads, sprockets' angles and speeds."""
+    """Name, unit and values of MDF4 signals: housing loads, sprockets' motion."""
     for name, values in housing_components(trajectory).items():
         yield name, "N*m" if name.endswith(".moment") else "N", values
     for channel in ("sprocket_angle", "sprocket_speed"):
@@ -60,7 +59,7 @@ def _mdf_signals(trajectory: Trajectory) -> Iterator[tuple[str, str, Any]]:
 
 
 def write_mdf4(file: IO[bytes], trajectory: Trajectory) -> None:
-    """Writes housing loads, and angle and speed of every sprocket, as MDF4."""
+    """Writes housing loads, and sprockets' angles and speeds, as MDF4."""
     import asammdf
 
     time = np.asarray(trajectory.time, dtype=float)
@@ -74,7 +73,7 @@ def write_mdf4(file: IO[bytes], trajectory: Trajectory) -> None:
 
 
 def _copy_written_file(file: IO[bytes], ending: str, write: Any) -> None:
-    """Copies into an open export file what a library writes by a path; raises OSError if refused."""
+    """Copies what a library writes into an export's file; raises OSError."""
     with TemporaryDirectory() as folder:
         path = Path(folder) / f"loads{ending}"
         try:

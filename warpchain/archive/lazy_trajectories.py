@@ -28,13 +28,13 @@ from warpchain.results.channels import CHANNEL_NAMES
 from warpchain.results.run import Trajectory
 
 READ_TOPICS = ("rollers", "state", "positions")
-"""Topics of an archive that are read; others repeat them for viewers."""
+"""Topics that are read; others repeat them for viewers."""
 RECOVER_ADVICE = "see warpchain recover"
 PRECISIONS = ("float64", "float32")
 
 
 class LazyDrives(Sequence[Drive]):
-    """Drives of an archived run, each read from its attachment when asked for.
+    """Drives of an archived run, each read when asked for.
 
     `numbers` are the archive's of the variants; with `gaps` a drive may be missing.
     """
@@ -63,7 +63,7 @@ class LazyDrives(Sequence[Drive]):
         return self.drive_of(self.numbers[place])
 
     def drive_of(self, variant: int) -> Drive:
-        """Drive of an archived variant by its number, from the copy if damaged."""
+        """Drive of an archived variant, from the copy if damaged."""
         if variant not in self._held:
             try:
                 self._held[variant] = self._read_drive(archive_format.drive_attachment_name(variant))
@@ -90,7 +90,7 @@ class LazyDrives(Sequence[Drive]):
 
 @dataclass(frozen=True)
 class VariantChunks:
-    """Topics and chunks of a variant in one archive file."""
+    """Topics and chunks of a variant in an archive file."""
 
     file: McapIndex
     rollers: Channel
@@ -99,7 +99,7 @@ class VariantChunks:
 
 
 class ArchiveTrajectories(Mapping[int, Trajectory]):
-    """Trajectories of an archive's recorded variants, each read when asked for; with `gaps` frames may be missing."""
+    """Trajectories of an archive, each read when asked for; with `gaps` frames may be missing."""
 
     def __init__(self, files: tuple[McapIndex, ...], drives: LazyDrives, gaps: bool) -> None:
         self.files, self._drives, self._gaps = files, drives, gaps
@@ -111,7 +111,7 @@ class ArchiveTrajectories(Mapping[int, Trajectory]):
 
     @cached_property
     def _chunks_by_variant(self) -> dict[int, list[VariantChunks]]:
-        """Chunks of each variant in each archive file; refuses untrusted channels."""
+        """Chunks of each variant in archive files; raises for untrusted channels."""
         found: dict[int, list[VariantChunks]] = {}
         for file in self.files:
             wrong = untrusted_channel(file)
@@ -161,7 +161,7 @@ class ArchiveTrajectories(Mapping[int, Trajectory]):
         return held
 
     def chunk_layout(self, variant: int) -> ChunkLayout:
-        """Byte layout of an archived variant's frames in its chunks."""
+        """Byte layout of an archived variant's frames."""
         place = self._chunks_by_variant[variant][0]
         facts, drive = place.rollers.metadata, self._drives.drive_of(variant)
         try:
@@ -181,7 +181,7 @@ class ArchiveTrajectories(Mapping[int, Trajectory]):
         end: float | None = None,
         channels: Sequence[str] = CHANNEL_NAMES,
     ) -> Trajectory:
-        """Part of an archived variant's trajectory, in arrays of its own."""
+        """Part of an archived variant's trajectory, in its own arrays."""
         held: dict[str, list[Any]] = {}
         for block in self.iterate_blocks(variant, start, end, channels):
             for name, values in (("time", block.time), *block.channels().items()):
@@ -202,7 +202,7 @@ class ArchiveTrajectories(Mapping[int, Trajectory]):
         end: float | None = None,
         channels: Sequence[str] = CHANNEL_NAMES,
     ) -> Iterator[Trajectory]:
-        """Part of an archived variant's trajectory, as views of one chunk after another."""
+        """Parts of an archived variant's trajectory, views of one chunk each."""
         layout, drive = self.chunk_layout(variant), self._drives.drive_of(variant)
         low = 0 if start is None else max(0, int(start * 1e9) - 1)
         high = 2**63 if end is None else max(0, int(end * 1e9) + 2)
@@ -224,7 +224,7 @@ class ArchiveTrajectories(Mapping[int, Trajectory]):
                 yield Trajectory(drive, time[part], **{n: v[part] for n, v in held.items() if n in channels})
 
     def _iterate_frames(self, variant: int, layout: ChunkLayout, low: int, high: int) -> Iterator[Any]:
-        """Frames of an archive's chunks that overlap log times [ns]."""
+        """Frames of an archive's chunks between log times [ns]."""
         last = np.zeros(0, dtype=MESSAGE_HEADER)
         for place in self._chunks_by_variant[variant]:
             chosen = [chunk for chunk in place.chunks if chunk.end >= low and chunk.start <= high]
@@ -254,7 +254,7 @@ def _concatenate_blocks(parts: Sequence[Any], kind: str, shape: tuple[int, ...])
 
 
 def _numbered_frames(frames: Any, last: Any) -> Any:
-    """Archived frames with `sequence` counted on from `last`, a head (1,) or (0,), where left zero."""
+    """Archived frames whose `sequence` is counted on from `last` where zero."""
     head = frames["state"]["head"]
     if head["sequence"].any() or len(last) + len(head) == 1 or (last["log_time"] >= head["log_time"][:1]).any():
         return frames
@@ -264,7 +264,7 @@ def _numbered_frames(frames: Any, last: Any) -> Any:
 
 
 def _frames_from_chunk(data: Any, layout: ChunkLayout, numbers: Mapping[str, int]) -> Any:
-    """Frames of an archive chunk, as a view; None if not as warpchain writes them."""
+    """Frames of an archive's chunk as a view, or None if mixed."""
     if len(data) % layout.frame_bytes or not set(layout.content.topics) <= set(numbers):
         return None
     frames = np.frombuffer(data, dtype=layout.dtype)

@@ -1,7 +1,4 @@
-"""Reading an MCAP file by its summary, or all of it where the summary does not account for all records.
-
-Every failure is an `ArchiveError`.
-"""
+"""Reading an MCAP file by its summary, or all of it where the summary does not account for all records."""
 
 from __future__ import annotations
 
@@ -27,16 +24,14 @@ from warpchain.files import open_regular_file, refusal_reason
 
 RECORD_HEAD = struct.Struct("<BQ")
 MOST_CHUNK_BYTES = 2**28
-"""Most uncompressed bytes of an MCAP chunk; warpchain writes about 1 MiB."""
+"""Most uncompressed bytes of a chunk; warpchain writes about 1 MiB."""
 FOOTER_BYTES = RECORD_HEAD.size + 20
 STATISTICS_HEAD = struct.Struct("<QHIIII")
-"""MCAP statistics: counts of messages, schemas, channels, attachments, metadata and chunks."""
 MOST_STRETCH_BYTES = 2**20
-"""Most bytes of MCAP messages outside of chunks that are grouped."""
 
 
 class ChunkEntry(NamedTuple):
-    """Place of a chunk, or of messages outside of chunks, in an MCAP file, with log times [ns] and channels."""
+    """Place of an MCAP chunk or loose messages, log times [ns], channels."""
 
     offset: int
     length: int
@@ -47,7 +42,7 @@ class ChunkEntry(NamedTuple):
 
 
 class RecordReader(ReadDataStream):
-    """Reader of an MCAP record's content for the parsers of `mcap.records`; raises ValueError for cut text."""
+    """Reader of an MCAP record's content; raises ValueError if cut."""
 
     def __init__(self, data: Any) -> None:
         self._data, self._count = data, 0
@@ -62,7 +57,7 @@ class RecordReader(ReadDataStream):
         return part
 
     def read_prefixed_string(self) -> str:
-        """Next text of an MCAP record, behind its length."""
+        """Next text of an MCAP record, after its length."""
         begin = self._count + 4
         end = begin + int.from_bytes(self._data[self._count : begin], "little")
         if end > len(self._data):
@@ -72,7 +67,7 @@ class RecordReader(ReadDataStream):
 
 
 def iterate_records(data: Any, at: int = 0) -> Iterator[tuple[int, int, int]]:
-    """Opcode, begin and end of each MCAP record's content; raises ValueError if cut."""
+    """Opcode, begin and end of each MCAP record; raises ValueError if cut."""
     while at < len(data):
         if at + RECORD_HEAD.size > len(data):
             raise ValueError("a record is cut")
@@ -90,7 +85,7 @@ def is_data_checksum(data: Any, crc: int) -> bool:
 
 
 def attachment_from_bytes(data: Any) -> Attachment:
-    """MCAP attachment record, once its checksum is found right."""
+    """MCAP attachment of a record; raises for a wrong checksum."""
     content = RecordReader(data)
     record = Attachment.read(content)
     (crc,) = struct.unpack_from("<I", data, content.count - 4)
@@ -100,7 +95,7 @@ def attachment_from_bytes(data: Any) -> Attachment:
 
 
 def decompress_chunk(chunk: Chunk) -> Any:
-    """Uncompressed records of an MCAP chunk, checked, never larger than stated; a view if stored so."""
+    """Uncompressed records of an MCAP chunk, checked; a view if stored so."""
     import lz4.frame
     import zstandard
 
@@ -127,7 +122,7 @@ def decompress_chunk(chunk: Chunk) -> Any:
 
 @contextmanager
 def convert_read_errors(path: Path) -> Iterator[None]:
-    """Turns every failure of an MCAP file's bytes into an ArchiveError."""
+    """Context that turns failures of an MCAP file into ArchiveError."""
     try:
         yield
     except OSError as error:
@@ -145,18 +140,18 @@ class MessageSpan:
     end: int = 0
 
     def add_message(self, data: Any, begin: int) -> None:
-        """Counts in the MCAP message whose content begins at an offset."""
+        """Counts in the MCAP message at an offset."""
         channel, _, stamp = struct.unpack_from("<HIQ", data, begin)
         self.channels.add(channel)
         self.start, self.end = min(self.start, stamp), max(self.end, stamp)
 
     def chunk_entry(self, offset: int, length: int, loose: bool = False) -> ChunkEntry:
-        """MCAP chunk entry of the messages, by their place in the file."""
+        """Entry of the MCAP messages for their place in the file."""
         return ChunkEntry(offset, length, self.start, self.end, tuple(sorted(self.channels)), loose)
 
 
 def group_loose_messages(found: Iterable[tuple[int, int, int]]) -> Iterator[tuple[int, int, int]]:
-    """MCAP records of `iterate_records`, runs of messages as one item of a message's opcode."""
+    """MCAP records of `iterate_records`, runs of messages as one."""
     first = end = 0
     for opcode, begin, stop in found:
         if end > first and (opcode != Opcode.MESSAGE or stop - first > MOST_STRETCH_BYTES):
@@ -172,7 +167,7 @@ def group_loose_messages(found: Iterable[tuple[int, int, int]]) -> Iterator[tupl
 
 
 class McapIndex:
-    """An open MCAP file and where everything in it is.
+    """Open MCAP file and where everything in it is.
 
     Attributes:
         channels, schemas: by number.
@@ -215,7 +210,7 @@ class McapIndex:
                 self._scan_data(start)
 
     def __reduce__(self) -> tuple[Any, ...]:
-        """Constructor and path that pickle an `McapIndex`, which opens the file anew."""
+        """Constructor and path that pickle the index of an MCAP file."""
         return McapIndex, (self.path.absolute(),)
 
     @property
@@ -243,7 +238,7 @@ class McapIndex:
         return self._map
 
     def _parse_summary(self, summary: bytes) -> bool:
-        """Fills the index from an MCAP summary; returns whether that is complete."""
+        """Fills the index from an MCAP summary; returns whether complete."""
         # for indexes, which come by the ten thousand, `mcap.records` takes 3 to 6 times as long
         stated, messages = None, 0
         for opcode, begin, end in iterate_records(summary):
@@ -272,7 +267,7 @@ class McapIndex:
         return stated == (messages, *held)
 
     def _scan_data(self, end: int) -> None:
-        """Fills the index from the MCAP file's data up to `end`."""
+        """Fills the index from an MCAP file's data up to `end`."""
         self.chunks, self.attachments, self.metadata = [], {}, {}
         data, crc = memoryview(self._mapped_file)[:end], None
         for opcode, begin, stop in group_loose_messages(iterate_records(data, len(MCAP_MAGIC))):
@@ -304,7 +299,7 @@ class McapIndex:
             raise ValueError(f"no record describes the channel {min(unknown)}, which messages have")
 
     def _scan_chunk(self, data: Any) -> MessageSpan:
-        """Span of an MCAP chunk's messages; adds the chunk's channels and schemas."""
+        """Span of an MCAP chunk's messages, whose channels and schemas are added."""
         content, span = decompress_chunk(Chunk.read(RecordReader(data))), MessageSpan()
         for opcode, begin, stop in iterate_records(content):
             if opcode == Opcode.MESSAGE:
@@ -314,7 +309,7 @@ class McapIndex:
         return span
 
     def _add_description(self, opcode: int, data: Any) -> None:
-        """Adds an MCAP channel or schema; raises ValueError for another one's number."""
+        """Adds an MCAP channel or schema; raises ValueError if its number is taken."""
         if opcode == Opcode.CHANNEL:
             channel = Channel.read(RecordReader(bytes(data)))
             if channel_without_digest(self.channels.setdefault(channel.id, channel)) != channel_without_digest(channel):
@@ -353,7 +348,7 @@ class McapIndex:
             return checked_metadata(name, record.metadata, self.has_digests)
 
     def read_chunk(self, entry: ChunkEntry) -> Any:
-        """Uncompressed records of an MCAP file's chunk; a view where stored so."""
+        """Uncompressed records of an MCAP chunk; a view if stored so."""
         with convert_read_errors(self.path):
             if entry.is_loose:
                 return memoryview(self._mapped_file)[entry.offset : entry.offset + entry.length]

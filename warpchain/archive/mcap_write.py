@@ -20,12 +20,11 @@ from warpchain.errors import ArchiveError
 from warpchain.files import WholeFile, refusals_as_errors
 
 ZSTD_LEVEL = 1
-"""Level of zstd for MCAP chunks."""
 MCAP_MAGIC = b"\x89MCAP0\r\n"
 
 
 class PackedChunk(NamedTuple):
-    """A compressed MCAP chunk, ready to be written.
+    """Compressed MCAP chunk, ready to be written.
 
     Attributes:
         size, crc: of the records uncompressed.
@@ -56,7 +55,7 @@ def chunk_compressor(compression: str) -> Callable[[Any], Any]:
 
 
 def pack_chunk(records: Any, indexes: Mapping[int, NDArray[np.uint64]], compression: str) -> PackedChunk:
-    """Compressed MCAP chunk of records and their messages' indexes."""
+    """Compressed MCAP chunk of records, with messages' indexes."""
     times = np.concatenate([index[:, 0] for index in indexes.values()])
     name = "" if compression == "none" else compression
     data = chunk_compressor(compression)(records)
@@ -64,12 +63,12 @@ def pack_chunk(records: Any, indexes: Mapping[int, NDArray[np.uint64]], compress
 
 
 def name_taken_error(path: Path) -> ArchiveError:
-    """Error that an archive's file exists already."""
+    """Error of an archive's file that exists already."""
     return ArchiveError(f"{path}: exists already; give another name, or overwrite=True")
 
 
 class McapWriter:
-    """Writer of one MCAP file, under a temporary name until `finish_file`.
+    """Writer of an MCAP file, under a temporary name until `finish_file`.
 
     `claimed`: the caller holds the lock of the archive's name.
 
@@ -103,12 +102,12 @@ class McapWriter:
 
     @property
     def bytes_written(self) -> int:
-        """Bytes of the MCAP file so far."""
+        """Number of bytes of the MCAP file so far."""
         return self._at
 
     @property
     def chunks_written(self) -> int:
-        """Chunks of the MCAP file so far."""
+        """Number of chunks of the MCAP file so far."""
         return len(self._chunks)
 
     def _write_bytes(self, data: Any) -> int:
@@ -130,11 +129,11 @@ class McapWriter:
         self._write_record(self._schemas[number])
 
     def has_schema(self, number: int) -> bool:
-        """Whether an MCAP schema of that number was written."""
+        """Whether an MCAP schema of that number is written."""
         return number in self._schemas
 
     def add_channel(self, number: int, schema: int, topic: str, encoding: str, metadata: Mapping[str, str]) -> None:
-        """Appends an MCAP channel with its digest, after its schema."""
+        """Appends an MCAP channel with its digest."""
         record = kinds.Channel(
             id=number,
             schema_id=schema,
@@ -148,7 +147,7 @@ class McapWriter:
         self._write_record(record)
 
     def has_channel(self, number: int) -> bool:
-        """Whether an MCAP channel of that number was written."""
+        """Whether an MCAP channel of that number is written."""
         return number in self._channels
 
     def add_attachment(self, name: str, media_type: str, data: bytes) -> None:
@@ -174,7 +173,7 @@ class McapWriter:
         self._metadata.append(kinds.MetadataIndex(offset=offset, length=length, name=name))
 
     def add_chunk(self, chunk: PackedChunk) -> None:
-        """Appends an MCAP chunk and the index of its messages."""
+        """Appends an MCAP chunk and its messages' index."""
         name = chunk.compression.encode()
         inner = struct.pack("<QQQII", chunk.start, chunk.end, chunk.size, chunk.crc, len(name)) + name
         inner += struct.pack("<Q", len(chunk.data))
@@ -203,7 +202,7 @@ class McapWriter:
 
     @contextmanager
     def readable_draft(self, name: str, values: Mapping[str, str]) -> Iterator[Path]:
-        """Gives the temporary MCAP file with an end, to be read back."""
+        """Context in which the temporary MCAP file has an end, to be read back."""
         at, held = self._at, len(self._metadata)
         self.add_metadata(name, values)
         self._write_end()
@@ -219,12 +218,12 @@ class McapWriter:
             self._at = at
 
     def _write_end(self) -> None:
-        """Appends the end of the MCAP data and the summary."""
+        """Appends the MCAP data's end and the summary."""
         self._write_bytes(_record_bytes(kinds.DataEnd(data_section_crc=0)))
         self._write_bytes(self._summary_bytes())
 
     def finish_file(self) -> None:
-        """Writes the MCAP summary, flushes, and gives the file its name."""
+        """Ends the MCAP file, flushes it, and gives it its name."""
         self._write_end()
         with refusals_as_errors(self.path, ArchiveError):
             try:
@@ -233,7 +232,7 @@ class McapWriter:
                 raise name_taken_error(self.path) from None
 
     def _summary_bytes(self) -> bytes:
-        """Summary section, footer and closing magic of the MCAP file."""
+        """Bytes of the MCAP file's summary, footer and closing magic."""
         start, data, offsets = self._at, bytearray(), bytearray()
         groups: list[list[Any]] = [
             list(self._schemas.values()),

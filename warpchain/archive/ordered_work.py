@@ -13,7 +13,7 @@ ResultType = TypeVar("ResultType")
 
 
 class OrderedWork(Generic[JobType, ResultType]):
-    """Threads that call `work` on jobs, and `sink` with each result, in order, in a thread of its own.
+    """Threads that call `work` on jobs, and `sink` with results in order.
 
     An error comes out of the next `submit_job` or of `wait_for_jobs`; later jobs are dropped. At most `room` jobs are
     under way.
@@ -31,7 +31,7 @@ class OrderedWork(Generic[JobType, ResultType]):
         self._thread.start()
 
     def _pass_on_results(self) -> None:
-        """Passes jobs' results on, in order, in a thread of its own."""
+        """Passes jobs' results to `sink` in order, in its own thread."""
         while (future := self._queue.get()) is not None:
             if self._dropped:
                 future.cancel()
@@ -43,7 +43,7 @@ class OrderedWork(Generic[JobType, ResultType]):
             del future
 
     def submit_job(self, job: JobType) -> None:
-        """Submits a job to threads that keep order; waits while there is no room."""
+        """Submits a job to the threads; waits while there is no room."""
         self._raise_error()
         self._queue.put(self._pool.submit(self._work, job))
 

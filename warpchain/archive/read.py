@@ -25,12 +25,11 @@ if TYPE_CHECKING:
     import pyarrow as pa
 
 ENDED_RECOVERED = "recovered"
-"""Value of `ended` of a run whose archive was restored."""
 
 
 @dataclass(frozen=True, repr=False)
 class Archive(Run):
-    """A run in an archive, which reads drives and trajectories when asked for.
+    """Run in an archive, which reads drives and trajectories when asked for.
 
     `archive[i]` is the whole trajectory of the variant that it calls i; `read` and `blocks` give parts of it.
     """
@@ -44,7 +43,7 @@ class Archive(Run):
 
     @property
     def first(self) -> int:
-        """First recorded variant of the archive.
+        """Number of the archive's first recorded variant.
 
         Raises:
             ArchiveError: the frames of all are lost.
@@ -55,7 +54,7 @@ class Archive(Run):
         return super().first
 
     def _check_frames(self, variants: Sequence[int]) -> None:
-        """Refuses variants that the run recorded and whose frames the archive lacks."""
+        """Raises ArchiveError for recorded variants whose frames are lost."""
         absent = [variant for variant in variants if variant not in self.trajectories]
         recorded = self.metadata.get("recorded", "").split() if absent and self.info.ended == "complete" else ()
         for variant in absent:
@@ -69,18 +68,18 @@ class Archive(Run):
 
     @property
     def metadata(self) -> dict[str, str]:
-        """Metadata record of how the archive's run was made."""
+        """Metadata of how the archive's run was made."""
         return self.trajectories.files[0].read_metadata(archive_format.RUN_METADATA) or {}
 
     @property
     def attachments(self) -> tuple[str, ...]:
-        """Names of the archive's attachments other than drives and metrics."""
+        """Names of the archive's attachments but drives and metrics."""
         names = {name: None for file in self.trajectories.files for name in file.attachments}
         return tuple(n for n in names if n != archive_format.METRICS_ATTACHMENT and not n.startswith("drives/"))
 
     @check_arguments(ArchiveError)
     def attachment(self, name: str) -> bytes:
-        """Data of an attachment of the archive; raises ArchiveError for a missing or damaged one."""
+        """Data of an archive's attachment; raises ArchiveError if missing or damaged."""
         return next(
             (f for f in self.trajectories.files if name in f.attachments), self.trajectories.files[0]
         ).read_attachment(name)
@@ -93,7 +92,7 @@ class Archive(Run):
         end: FiniteNumber | None = None,
         channels: Sequence[str] = CHANNEL_NAMES,
     ) -> Trajectory:
-        """Part of a variant's trajectory in an archive; reads only the chunks that hold it.
+        """Part of a variant's trajectory in an archive; reads only its chunks.
 
         Args:
             start, end: first and last time [s], inclusive; None is the recording's.
@@ -113,14 +112,14 @@ class Archive(Run):
         end: FiniteNumber | None = None,
         channels: Sequence[str] = CHANNEL_NAMES,
     ) -> Iterator[Trajectory]:
-        """Part of a variant's trajectory, as read-only views of one archive chunk after another; see `read`.
+        """Parts of a variant's trajectory, read-only views of a chunk each; see `read`.
 
         The arrays are neither aligned nor contiguous. Sprocket channels come as float64.
         """
         return self._checked_trajectories(variant, channels).iterate_blocks(variant, start, end, channels)
 
     def _checked_trajectories(self, variant: int, channels: Sequence[str]) -> ArchiveTrajectories:
-        """Trajectories of the archive, once variant and channels are known."""
+        """Trajectories of the archive, once variant and channels are checked."""
         check_channel_names("channels", channels)
         if variant not in self.trajectories:
             self[variant]  # raises, and names the variants there are
@@ -129,7 +128,7 @@ class Archive(Run):
 
 @check_arguments(ArchiveError)
 def read_archive(path: str | Path) -> Archive:
-    """Opens an archive of a run, by its MCAP file, or of a split one by its name or any file.
+    """Archive of a run, opened by a file's name, or by a split one's.
 
     Raises:
         ArchiveError: a file that is missing, not an MCAP, cut short, damaged, or not warpchain's.
@@ -137,15 +136,15 @@ def read_archive(path: str | Path) -> Archive:
     name = Path(path)
     paths = archive_files(name)
     if not os.path.exists(paths[0]):
-        _refuse_missing(name)
+        _raise_missing_archive(name)
     return open_archive_files(name, tuple(map(McapIndex, paths)))
 
 
 def open_archive_files(name: Path, files: tuple[McapIndex, ...]) -> Archive:
-    """Archive of a name and its open files; raises as `read_archive`."""
+    """Archive of a name and open files; raises as `read_archive`."""
     starts = [_start_metadata(file) for file in files]
     ends = [file.read_metadata(archive_format.END_METADATA) for file in files]
-    _check_set(name, files, starts, ends)
+    _check_whole_set(name, files, starts, ends)
     start, end, last = starts[0], ends[-1] or {}, files[-1]
     try:
         info, numbers = _run_info(start, end), numbers_from_metadata(start)
@@ -160,7 +159,7 @@ def open_archive_files(name: Path, files: tuple[McapIndex, ...]) -> Archive:
 
 
 def numbers_from_metadata(start: Mapping[str, str]) -> Sequence[int]:
-    """Numbers of a run's variants, from an archive's metadata; raises KeyError, ValueError."""
+    """Numbers of an archived run's variants; raises KeyError, ValueError."""
     variants = int(start["variants"])
     if not 1 <= variants < 2**31:
         raise ValueError(f"variants = {variants}")
@@ -171,7 +170,7 @@ def numbers_from_metadata(start: Mapping[str, str]) -> Sequence[int]:
 
 
 def _run_info(start: Mapping[str, str], end: Mapping[str, str]) -> RunInfo:
-    """Provenance and end of a run, from an archive's metadata."""
+    """Provenance and end of a run from an archive's metadata."""
     return RunInfo(
         version=start["version"],
         device=start["device"],
@@ -186,7 +185,7 @@ def _run_info(start: Mapping[str, str], end: Mapping[str, str]) -> RunInfo:
     )
 
 
-def _refuse_missing(path: Path) -> None:
+def _raise_missing_archive(path: Path) -> None:
     """Raises the error of a missing archive, with what a killed run left."""
     left = unfinished_files(path)
     hint = ""
@@ -198,7 +197,7 @@ def _refuse_missing(path: Path) -> None:
 
 
 def _start_metadata(file: McapIndex) -> dict[str, str]:
-    """Metadata at an archive file's start; refuses another program's or format's."""
+    """Metadata of an archive file's start; raises for another program's."""
     start = file.read_metadata(archive_format.RUN_METADATA)
     if start is None:
         raise ArchiveError(f"{file.path}: an MCAP file, but not an archive of warpchain")
@@ -210,13 +209,13 @@ def _start_metadata(file: McapIndex) -> dict[str, str]:
     return start
 
 
-def _check_set(
+def _check_whole_set(
     path: Path,
     files: Sequence[McapIndex],
     starts: Sequence[Mapping[str, str]],
     ends: Sequence[Mapping[str, str] | None],
 ) -> None:
-    """Refuses a set of archive files that is not whole."""
+    """Raises ArchiveError for a set of archive files that is not whole."""
     for k, (file, start) in enumerate(zip(files, starts, strict=True)):
         if start.get("set") != starts[0].get("set"):
             raise ArchiveError(f"{file.path}: belongs to another archive than {files[0].path}")
@@ -230,7 +229,7 @@ def _check_set(
 
 
 def _archived_metrics(file: McapIndex, numbers: Sequence[int], ended: str) -> pa.Table:
-    """Metrics table of an archive; only `variant` where a recovered one lost it."""
+    """Metrics table of an archive; only `variant` if it was lost."""
     import pyarrow as pa
 
     if ended == ENDED_RECOVERED and archive_format.METRICS_ATTACHMENT not in file.attachments:
@@ -242,7 +241,7 @@ def _archived_metrics(file: McapIndex, numbers: Sequence[int], ended: str) -> pa
 
 
 def metrics_from_attachment(data: bytes, numbers: Sequence[int]) -> pa.Table:
-    """Metrics table of these variants from an archive's attachment; raises ValueError."""
+    """Metrics table of variants from an archive's attachment; raises ValueError."""
     import pyarrow as pa
 
     try:

@@ -1,7 +1,7 @@
 """Restoring a cut or damaged archive: what can be trusted goes into a new file that is whole.
 
 A right and complete summary says where everything is. Any other file is read record by record, and channels and
-metadata go by their digests (`archive.digest`). Messages that another program mixed are sorted by variant.
+metadata go by their digests (`archive.digest`).
 """
 
 from __future__ import annotations
@@ -84,7 +84,7 @@ class Recovery:
 
     @property
     def is_complete(self) -> bool:
-        """Whether a recovery left out nothing that had been written whole."""
+        """Whether a recovery left out nothing that was whole."""
         return not (self.damaged or self.missing or self.left_out or self.unreadable)
 
     def note_left_out(self, what: str) -> None:
@@ -102,20 +102,20 @@ class Recovery:
         if self.missing:
             words += f"; {self.missing} frames are missing between others"
         if self.left_out:
-            words += f"; left out as damaged or missing: {_first_words(self.left_out)}"
+            words += f"; left out as damaged or missing: {_left_out_text(self.left_out)}"
         if self.unreadable:
             lost = [f"variant {variant} ({why})" for variant, why in sorted(self.unreadable.items())]
-            words += f"; lost: {_first_words(lost)}"
+            words += f"; lost: {_left_out_text(lost)}"
         return words + (f"; {self.lost} bytes after the last whole record lost" if self.lost else "")
 
 
-def _first_words(words: Sequence[str]) -> str:
-    """First eight left-out things of a recovery, in a line."""
+def _left_out_text(words: Sequence[str]) -> str:
+    """Line on the first eight things that a recovery left out."""
     return ", ".join(words[:8]) + (", ..." if len(words) > 8 else "")
 
 
 def recover_archive(broken: str | Path, output: str | Path, overwrite: bool = False) -> Recovery:
-    """Restores a broken archive, by its file's or a split one's name; returns what was restored and lost.
+    """Restores a broken archive, by a file's or its name; returns what was restored and lost.
 
     Raises:
         ArchiveError: no archive of warpchain, nothing that can be restored, or a folder or disk that refuses.
@@ -135,7 +135,7 @@ def recover_archive(broken: str | Path, output: str | Path, overwrite: bool = Fa
             copy.require_run()
         if not result.chunks:
             raise ArchiveError(f"{source}: holds no whole chunk of frames; nothing can be restored")
-        _read_back(copies, result)
+        _check_restored(copies, result)
         if not any(result.frames.values()):
             why = next(iter(result.unreadable.values()), "no frame is whole")
             raise ArchiveError(f"{source}: no variant of it can be read ({why}); nothing can be restored")
@@ -155,7 +155,7 @@ def recover_archive(broken: str | Path, output: str | Path, overwrite: bool = Fa
 
 
 def _source_files(path: Path) -> list[Path]:
-    """Files to restore an archive from, unfinished ones last."""
+    """Files from which to restore an archive, unfinished ones last."""
     named = parse_part_name(path) if path.is_file() else None
     if path.is_file() and not named:
         return [path]
@@ -178,8 +178,8 @@ def _source_files(path: Path) -> list[Path]:
     return files
 
 
-def _read_back(copies: Sequence[_FileCopy], result: Recovery) -> None:
-    """Reads the restored archive back; notes frames and unreadable variants."""
+def _check_restored(copies: Sequence[_FileCopy], result: Recovery) -> None:
+    """Reads the restored archive; notes frames and unreadable variants."""
     with ExitStack() as drafts:
         paths = [drafts.enter_context(copy.readable_draft(len(copies))) for copy in copies]
         try:
@@ -207,7 +207,7 @@ def _read_back(copies: Sequence[_FileCopy], result: Recovery) -> None:
 
 
 def _short_reason(error: ArchiveError, paths: Sequence[Path]) -> str:
-    """Message of an archive's error without temporary files' names and advice."""
+    """Message of an archive's error, without temporary names and advice."""
     text = str(error).removesuffix("; see warpchain recover")
     for path in paths:
         text = text.replace(f"{path}: ", "")
@@ -215,7 +215,7 @@ def _short_reason(error: ArchiveError, paths: Sequence[Path]) -> str:
 
 
 class _FileCopy:
-    """Copy of what can be trusted of one broken archive file."""
+    """Copy of what can be trusted in a broken archive file."""
 
     def __init__(self, path: Path, file: McapWriter, result: Recovery, number: int) -> None:
         self.path, self.file, self.result, self.number = path, file, result, number
@@ -239,7 +239,7 @@ class _FileCopy:
         return self.file.chunks_written > 0
 
     def _copy_listed_records(self, data: Any, index: McapIndex) -> None:
-        """Copies the broken archive file's records that a right summary lists."""
+        """Copies records of the broken archive file that a right summary lists."""
         self._topics = TrustedTopics(index)
         places = [(entry.offset, entry.length, Opcode.CHUNK, "") for entry in index.chunks]
         places += [(*at, Opcode.ATTACHMENT, name) for name, at in index.attachments.items()]
@@ -253,7 +253,7 @@ class _FileCopy:
                 self._copy_record(opcode, data[offset + RECORD_HEAD.size : end], name)
 
     def _copy_all_records(self, data: Any) -> None:
-        """Copies a broken archive file's whole records, one by one."""
+        """Copies the broken archive file's whole records, one by one."""
         loose = self._gather_descriptions(data)
         at = len(MCAP_MAGIC)
         for opcode, begin, end in group_loose_messages(_whole_records(data)):
@@ -271,7 +271,7 @@ class _FileCopy:
         self.result.lost += max(0, len(data) - at)
 
     def _gather_descriptions(self, data: Any) -> bool:
-        """Gathers a broken archive's metadata, channels, schemas; returns whether loose messages can be trusted."""
+        """Gathers a broken archive's descriptions; returns whether loose messages count."""
         used: set[int] = set()
         loose, right = False, True
         for opcode, begin, end in _whole_records(data):
@@ -297,7 +297,7 @@ class _FileCopy:
         return right
 
     def _note_left_out(self, opcode: int, name: str = "") -> None:
-        """Notes in the recovery that a record was left out."""
+        """Notes in the recovery a record left out."""
         if opcode == Opcode.CHUNK:
             self.result.damaged += 1
         else:
@@ -306,24 +306,24 @@ class _FileCopy:
             self.result.note_left_out(f"{what} {name}".strip())
 
     def require_run(self) -> None:
-        """Refuses a broken archive file that says nothing of a run."""
+        """Raises ArchiveError for a broken archive file without a run."""
         if self._start is None:
             raise ArchiveError(
                 f"{self.path}: is not an archive of warpchain, or was cut before its first record, or that is damaged"
             )
 
     def due_variants(self) -> set[int]:
-        """Variants whose frames a broken archive of an ended run must hold."""
+        """Numbers of variants whose frames a broken archive must hold."""
         recorded = (self._start or {}).get("recorded", "") if self._old_end.get("ended") == "complete" else ""
         return {int(word) for word in recorded.split() if word.isdigit()}
 
     def check_metrics(self, held: set[str]) -> None:
-        """Notes a metrics table that is missing, of a run that ended."""
+        """Notes in the recovery a missing metrics table of an ended run."""
         if self._old_end.get("ended") in ("complete", "interrupted") and archive_format.METRICS_ATTACHMENT not in held:
             self._note_left_out(Opcode.ATTACHMENT, archive_format.METRICS_ATTACHMENT)
 
     def readable_draft(self, parts: int) -> AbstractContextManager[Path]:
-        """Gives the restored archive file as whole, to be read back."""
+        """Context in which the restored archive file can be read back."""
         return self.file.readable_draft(archive_format.END_METADATA, self._end_metadata(parts))
 
     def finish_file(self, parts: int) -> None:
@@ -370,7 +370,7 @@ class _FileCopy:
             self._note_left_out(opcode, name)
 
     def _copy_attachment(self, name: str, attached: kinds.Attachment) -> None:
-        """Copies a broken archive's attachment; raises ValueError for another of its name."""
+        """Copies a broken archive's attachment; raises ValueError if its name is taken."""
         if attached.name != name or self._held.setdefault(name, attached.data) != attached.data:
             raise ValueError("another one of this name")
         if name == archive_format.METRICS_ATTACHMENT:
@@ -378,7 +378,7 @@ class _FileCopy:
         self.file.add_attachment(name, attached.media_type, attached.data)
 
     def _copy_metadata(self, name: str, values: dict[str, str]) -> None:
-        """Copies a broken archive's metadata record, or keeps those of the run."""
+        """Copies a broken archive's metadata record, or keeps a run's."""
         if name == archive_format.RUN_METADATA:
             self._copy_start_metadata(values)
         elif name == archive_format.END_METADATA:
@@ -389,7 +389,7 @@ class _FileCopy:
             self.file.add_metadata(name, values)
 
     def _copy_start_metadata(self, values: dict[str, str]) -> None:
-        """Copies a broken archive's first metadata; refuses another format or archive."""
+        """Copies a broken archive's first metadata; raises for another archive."""
         if self._start is not None:
             raise ValueError("another one of this name")
         if values.get("format_version") != archive_format.FORMAT_VERSION:
@@ -403,12 +403,12 @@ class _FileCopy:
         self.file.add_metadata(archive_format.RUN_METADATA, self._start)
 
     def _owner_variant(self, number: int) -> int:
-        """Variant that an MCAP channel belongs to, -1 for another program's."""
+        """Variant of an MCAP channel, -1 for another program's."""
         named = self._topics.variant_and_topic(number)
         return named[0] if named else -1
 
     def _copy_chunk(self, chunk: kinds.Chunk) -> None:
-        """Copies a broken archive's chunk, or sorts its messages if it mixes variants."""
+        """Copies a broken archive's chunk, or sorts mixed messages."""
         content = decompress_chunk(chunk)
         indexes = message_indexes(content)
         if len(set(map(self._owner_variant, indexes))) > 1:
@@ -420,7 +420,7 @@ class _FileCopy:
         self._append_chunk(PackedChunk(chunk.compression, chunk.data, size, crc, start, end, indexes), content)
 
     def _sort_mixed_messages(self, content: Any, indexes: Iterable[int]) -> None:
-        """Sorts by variant the mixed messages of a broken archive."""
+        """Sorts mixed messages of a broken archive by variant."""
         if not all(map(self._topics.is_known, indexes)):
             raise ValueError("a topic is not described")
         for opcode, begin, end in iterate_records(content):
@@ -435,7 +435,7 @@ class _FileCopy:
         )
 
     def _write_mixed_chunks(self, owners: Iterable[int]) -> None:
-        """Writes sorted messages of some variants as chunks of the restored archive."""
+        """Writes sorted messages of variants as the restored archive's chunks."""
         for owner in list(owners):
             content = bytes(self._mixed.pop(owner))
             try:
@@ -444,7 +444,7 @@ class _FileCopy:
                 self._note_left_out(Opcode.CHUNK)
 
     def _append_chunk(self, chunk: PackedChunk, content: Any) -> None:
-        """Appends a variant's chunk to the restored archive, and counts frames; raises ValueError if out of order."""
+        """Appends a variant's chunk to the restored archive; raises if out of order."""
         result = self.result
         named = map(self._topics.variant_and_topic, chunk.indexes)
         states = {v[0]: number for v, number in zip(named, chunk.indexes, strict=True) if v and v[1] == "state"}
@@ -466,7 +466,7 @@ class _FileCopy:
 
 
 def _trusted_index(path: Path) -> McapIndex | None:
-    """Index of an MCAP file if its summary and digests are right, else None."""
+    """Index of an MCAP file with right summary and digests, or None."""
     try:
         index = McapIndex(path)
     except ArchiveError:
@@ -486,7 +486,7 @@ def _frame_numbers(content: Any, index: NDArray[np.uint64]) -> NDArray[np.int64]
 
 
 def message_indexes(content: Any) -> dict[int, NDArray[np.uint64]]:
-    """Log times [ns] and offsets (messages, 2) by channel in an MCAP chunk."""
+    """Log times [ns] and offsets (messages, 2) in an MCAP chunk, by channel."""
     found: dict[int, list[tuple[int, int]]] = {}
     for opcode, begin, _ in iterate_records(content):
         if opcode == MESSAGE_OPCODE:
@@ -497,7 +497,7 @@ def message_indexes(content: Any) -> dict[int, NDArray[np.uint64]]:
 
 
 def _whole_records(data: Any) -> Iterator[tuple[int, int, int]]:
-    """Opcode, begin and end of each MCAP record up to the first fault."""
+    """Opcode, begin and end of MCAP records up to the first fault."""
     at = len(MCAP_MAGIC)
     while at + RECORD_HEAD.size <= len(data):
         opcode, length = RECORD_HEAD.unpack_from(data, at)

@@ -20,7 +20,6 @@ TEETH_COLOR = {"r": 0.55, "g": 0.58, "b": 0.62, "a": 1.0}
 PITCH_COLOR = {"r": 0.35, "g": 0.40, "b": 0.48, "a": 0.6}
 GUIDE_COLOR = {"r": 0.75, "g": 0.55, "b": 0.30, "a": 1.0}
 LINE_WIDTH = 2.0
-"""Width of an outline's lines [pixels]."""
 POINT_DTYPE = np.dtype(
     [
         ("head", "u1", (3,)),
@@ -35,7 +34,7 @@ POINT_DTYPE = np.dtype(
 
 
 def scene_update_bytes(content: FrameContent, drive: Drive) -> bytes:
-    """Serialized `foxglove.SceneUpdate` of a drive's outlines [m]: `sprocket/NAME` and `guide/NAME`.
+    """Serialized `foxglove.SceneUpdate` of a drive's outlines: `sprocket/NAME` and `guide/NAME`.
 
     Each is in the coordinate frame of its body where frames hold its pose, else in the drive's.
     """

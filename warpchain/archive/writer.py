@@ -31,7 +31,6 @@ if TYPE_CHECKING:
 __all__ = ["ArchiveOptions", "ArchiveWriter", "read_archive", "write_archive"]
 
 CHUNK_BYTES = 2**20
-"""Uncompressed size of an archive's chunk, about."""
 MOST_PENDING_CHUNKS = 32
 MOST_WAITING_BYTES = 64 * 2**20
 COLOR_SAMPLES = 4096
@@ -39,7 +38,7 @@ COLOR_SAMPLES = 4096
 
 @dataclass
 class _WaitingFrames:
-    """Frames of an archive's variant that wait for their chunk to fill."""
+    """Frames of an archive's variant that wait for a full chunk."""
 
     variant: int
     layout: ChunkLayout
@@ -51,7 +50,7 @@ class _WaitingFrames:
 
 
 class _ChunkJob(NamedTuple):
-    """Consecutive frames of one variant that become an archive's chunk."""
+    """Frames of a variant that become an archive's chunk."""
 
     track: _WaitingFrames
     chunks: list[Trajectory]
@@ -95,9 +94,9 @@ class ArchiveWriter:
         )
 
     def append(self, variant: int, chunk: Trajectory) -> None:
-        """Appends consecutive frames of a variant to an archive, from any thread; waits while too much is under way.
+        """Appends consecutive frames of a variant to an archive; waits for room.
 
-        Leave the arrays as they are until `finish`.
+        Any thread may call it. Leave the arrays as they are until `finish`.
 
         Raises:
             ArchiveError: a disk that is full or gone, now or since an earlier call.
@@ -112,7 +111,7 @@ class ArchiveWriter:
             raise self._parts.refusal_error(error) from None
 
     def _append_frames(self, variant: int, chunk: Trajectory) -> None:
-        """Adds a variant's frames to an archive's chunks; sends the full ones."""
+        """Adds a variant's frames to an archive's chunks; sends full ones."""
         number = self._numbers[variant]
         track = self._tracks.get(number) or self._begin_variant(number, chunk)
         size = track.layout.frame_bytes
@@ -129,7 +128,7 @@ class ArchiveWriter:
             self._send_all_waiting()
 
     def _add_waiting(self, track: _WaitingFrames, frames: Trajectory) -> None:
-        """Adds frames to those that wait for an archive's chunk."""
+        """Adds frames to those waiting for an archive's chunk."""
         track.waiting.append(frames)
         track.count += len(frames.time)
         self._waiting += len(frames.time) * track.layout.frame_bytes
@@ -149,7 +148,7 @@ class ArchiveWriter:
                 self._send_waiting(track)
 
     def _begin_variant(self, variant: int, chunk: Trajectory) -> _WaitingFrames:
-        """Begins a variant of an archive, with the layout of its frames."""
+        """Begins a variant of an archive with its frames' layout."""
         values = None if self.options.values == "run" else self.options.values
         content = FrameContent.from_trajectory(variant, chunk, values, self.options.exact_positions)
         numbers = archive_format.channel_numbers(self._parts.place_in_part(self._position[variant]))
@@ -159,7 +158,7 @@ class ArchiveWriter:
         return track
 
     def _encode_chunk(self, job: _ChunkJob) -> tuple[_ChunkJob, list[PackedChunk]]:
-        """Compressed chunks of an archive's job, outlines before a variant's first."""
+        """Compressed chunks of an archive's job, outlines first."""
         track = job.track
         frames = track.layout.encode_frames(job.chunks, job.first, track.channels, track.full_scale)
         starts = np.arange(len(frames), dtype=np.uint64) * np.uint64(track.layout.frame_bytes)
@@ -191,7 +190,7 @@ class ArchiveWriter:
             part.file.add_chunk(chunk)
 
     def finish(self, metrics: pa.Table, info: RunInfo) -> None:
-        """Ends the archive, with metrics and the run's end, and gives its files their names.
+        """Ends the archive with metrics and the run's end, and names its files.
 
         Raises:
             ArchiveError: a disk that is full or gone, or a file that has appeared under that name.
@@ -206,7 +205,7 @@ class ArchiveWriter:
         self._ended = True
 
     def abort(self) -> None:
-        """Ends an unfinished archive, kept with `salvage`, else dropped."""
+        """Drops an unfinished archive, or keeps it with `salvage`."""
         if not self._ended:
             self._ended = True
             self._pipeline.wait_for_jobs(drop=True)
@@ -229,7 +228,7 @@ def _slice_frames(chunk: Trajectory, start: int, stop: int, copy: bool = False) 
 
 
 def _color_scale_end(chunk: Trajectory) -> float:
-    """Tension [N] at the end of an archived variant's color scale."""
+    """Tension [N] where an archived variant's color scale ends."""
     if chunk.tension is None:
         return 1.0
     values = chunk.tension.reshape(-1)
@@ -238,7 +237,7 @@ def _color_scale_end(chunk: Trajectory) -> float:
 
 @check_arguments(ArchiveError)
 def write_archive(run: Run, path: str | Path, overwrite: bool = False, options: ArchiveOptions | None = None) -> Path:
-    """Writes a run to an MCAP archive; returns the path, which `read_archive` takes.
+    """Writes a run to an MCAP archive; returns the path for `read_archive`.
 
     Raises:
         ArchiveError: an existing file, a folder or disk that refuses.

@@ -8,7 +8,7 @@ __all__ = ["main"]
 
 
 def main(argv: list[str] | None = None) -> int:
-    """Runs the command line; returns the exit status. Ctrl-C leaves no traceback, not even in the first imports."""
+    """Runs the command line; returns the exit status. Ctrl-C leaves no traceback."""
     if sys.platform == "win32":
         print("warpchain: error: runs on Linux and macOS; on Windows in WSL 2 (docs/devices.md)", file=sys.stderr)
         return 2

@@ -53,7 +53,7 @@ def add_better_command(commands: Any) -> None:
 
 @resumable_command("what is done is")
 def better_command(arguments: argparse.Namespace) -> int:
-    """Body of `warpchain better`: compares two drives and prints the answer; returns the exit status."""
+    """Body of `warpchain better`: compares two drives and prints the answer."""
     from warpchain.study.optimize.better import Comparison, find_better
 
     by = Comparison(*(getattr(arguments, name) for name in ("metric", "sense", "level", "budget", "batch", "event")))
@@ -69,12 +69,12 @@ def better_command(arguments: argparse.Namespace) -> int:
 
 
 def _progress_text(found: DriveComparison) -> str:
-    """Line on the difference of two compared drives so far."""
+    """Line of `warpchain better` on the difference so far."""
     return f"{found.found.pairs} pairs: B less A {_difference_text(found)}"
 
 
 def _difference_text(found: DriveComparison) -> str:
-    """Mean difference of two compared drives with its confidence interval, in words."""
+    """Text on how much better a drive is: mean difference with its interval."""
     from warpchain.results.units import quantity_words
 
     of = found.found
@@ -87,7 +87,7 @@ def _difference_text(found: DriveComparison) -> str:
 
 
 def _better_lines(found: DriveComparison, drives: list[str]) -> list[str]:
-    """The answer of `warpchain better` as lines to print."""
+    """Lines that answer `warpchain better`."""
     from warpchain.results.units import quantity_words
 
     of, left_out = found.found, len(found.differences) - found.found.pairs
@@ -119,7 +119,7 @@ def _better_lines(found: DriveComparison, drives: list[str]) -> list[str]:
 
 
 def _decision_text(found: DriveComparison) -> str:
-    """A sentence on what would decide which drive is better."""
+    """Sentence on what would decide which drive is better."""
     from warpchain.results.units import quantity_words
 
     of = found.found
@@ -142,7 +142,7 @@ def _decision_text(found: DriveComparison) -> str:
 
 
 def _rare_event_text(found: DriveComparison) -> str:
-    """A sentence on rare events that the compared pairs may have missed."""
+    """Sentence of `warpchain better` on rare events that the pairs may have missed."""
     from warpchain.results.units import quantity_words
 
     of = found.found
@@ -155,7 +155,7 @@ def _rare_event_text(found: DriveComparison) -> str:
 
 
 def _better_json(found: DriveComparison) -> dict[str, Any]:
-    """The answer of `warpchain better` for JSON, in SI units."""
+    """Values of `warpchain better --json`, in SI units."""
     of = found.found
     drives = {
         name: {

@@ -24,13 +24,13 @@ DONE, UNFINISHED, WRONG, NOT_OK = 0, 1, 2, 3
 
 
 def resumable_command(kept: str) -> Callable[[CommandBody], CommandBody]:
-    """Decorator of a command: starts Warp first, and prints on Ctrl-C that running it again goes on.
+    """Decorator of a command: starts Warp first, and says on Ctrl-C that running it again goes on.
 
     `kept` is what is kept then, with its verb.
     """
 
-    def wrap(run: CommandBody) -> CommandBody:
-        """Command with that ending on Ctrl-C."""
+    def make_resumable(run: CommandBody) -> CommandBody:
+        """Command that can be resumed, made of its body."""
 
         @wraps(run)
         def command(arguments: argparse.Namespace) -> int:
@@ -46,18 +46,18 @@ def resumable_command(kept: str) -> Callable[[CommandBody], CommandBody]:
 
         return command
 
-    return wrap
+    return make_resumable
 
 
 def _print_lines(lines: Iterable[str]) -> int:
-    """Prints a command's lines as they come; returns its exit status, done."""
+    """Prints a command's lines as they come; returns exit status done."""
     for line in lines:
         print(line, flush=True)
     return DONE
 
 
 def _value_from_word(word: str) -> Any:
-    """A value of the command line as TOML, else a text."""
+    """Value of a command's --set as TOML, else a text."""
     import tomllib
 
     try:
@@ -68,7 +68,7 @@ def _value_from_word(word: str) -> Any:
 
 
 def _drive_of_arguments(arguments: argparse.Namespace) -> Any:
-    """The drive that the arguments name, with the changes of --set."""
+    """Drive that a command's arguments name, changed by --set."""
     from warpchain.drive import load_drive
     from warpchain.drive.examples import drive_path
 
@@ -99,7 +99,7 @@ def check_command(arguments: argparse.Namespace) -> int:
 
 
 def _defaults_of_file(arguments: argparse.Namespace) -> dict[str, Any]:
-    """Values that the file of the arguments' drive leaves out, by key path."""
+    """Values that a command's drive file leaves out, by key path."""
     from warpchain.drive import read_drive_text, toml
     from warpchain.drive.defaults import default_values
     from warpchain.drive.examples import drive_path
@@ -110,7 +110,7 @@ def _defaults_of_file(arguments: argparse.Namespace) -> dict[str, Any]:
 
 
 def _default_lines(defaults: dict[str, Any]) -> list[str]:
-    """Lines of `warpchain check` on defaults, one a table of the drive file."""
+    """Lines of `warpchain check` on defaults, one a table of the file."""
     from warpchain.argument_checks import number_text
     from warpchain.drive.toml import inline_value
 
@@ -139,7 +139,7 @@ def new_command(arguments: argparse.Namespace) -> int:
 
 
 def select_command(arguments: argparse.Namespace) -> int:
-    """Body of `warpchain select`: lists sizes for a power, writes the drive file of one."""
+    """Body of `warpchain select`: lists sizes for a power, writes one's drive file."""
     from warpchain.cli.select_command import select_chain
 
     return _print_lines(select_chain(arguments))
@@ -288,7 +288,7 @@ def run_command(arguments: argparse.Namespace) -> int:
 
 
 def _run_lines(drive: Drive, run: Run, archive: Path) -> Iterator[str]:
-    """Lines to print on a run and its archive."""
+    """Lines of `warpchain run` on a run and its archive."""
     from warpchain.drive.plugins import short_plugin_words
 
     yield from _run_summary(drive, run.metrics.to_pylist()[0], run.info.wall_time)
@@ -303,7 +303,7 @@ def _run_lines(drive: Drive, run: Run, archive: Path) -> Iterator[str]:
 
 
 def _own_metric_lines(row: dict[str, Any]) -> Iterator[str]:
-    """A line on each metric of a plug-in."""
+    """Lines of `warpchain run` on metrics of plug-ins."""
     from warpchain.results.metric_columns import OWN_COLUMNS
     from warpchain.results.units import quantity_words
 
@@ -313,7 +313,7 @@ def _own_metric_lines(row: dict[str, Any]) -> Iterator[str]:
 
 
 def _run_json(drive: Drive, run: Run, arguments: argparse.Namespace) -> Iterator[str]:
-    """The text of `run --json`: what `check` says of the drive with the options' duration and step, and the run."""
+    """Text of `run --json`: what `check` says with the options' duration and step, and the run."""
     from warpchain.cli.json_output import check_values, json_text, run_values
 
     given = {key: value for key in ("duration", "step") if (value := getattr(arguments, key)) is not None}
@@ -323,7 +323,7 @@ def _run_json(drive: Drive, run: Run, arguments: argparse.Namespace) -> Iterator
 
 
 def _channels_from_words(words: list[str]) -> tuple[str, ...]:
-    """Channels that --channels' words name, each once; "default" means those that are not on request."""
+    """Channels that words of `run --channels` name, each once; "default" is those not on request."""
     from warpchain.results.channels import CHANNEL_NAMES, DEFAULT_CHANNELS
 
     for word in words:
@@ -333,7 +333,7 @@ def _channels_from_words(words: list[str]) -> tuple[str, ...]:
 
 
 def _limits_from_words(words: list[str]) -> Any:
-    """The limits that a run is judged by, from words KEY=VALUE."""
+    """Limits that `warpchain run` judges by, from words KEY=VALUE."""
     from warpchain.results.judgement import Limits
 
     changes = {}
@@ -349,7 +349,7 @@ def _limits_from_words(words: list[str]) -> Any:
 
 
 def _engaged_text(drive: Any, sprocket: Any, contacts: int) -> str:
-    """Rollers that a sprocket engaged, or links, each of whose four flank ends counts."""
+    """Text of `warpchain run` on rollers, or links' flanks, that a sprocket engaged."""
     from warpchain.drive.parts_by_chain import chain_of_part
 
     chain = chain_of_part(drive, sprocket)
@@ -358,7 +358,7 @@ def _engaged_text(drive: Any, sprocket: Any, contacts: int) -> str:
 
 
 def _run_summary(drive: Any, row: dict[str, Any], seconds: float) -> list[str]:
-    """Lines to print on a run: tension, sprockets, energy, losses, status."""
+    """Lines of `warpchain run` in short: tension, sprockets, energy, losses, status."""
     from warpchain.results.judgement import START_ENERGY_CHANGE
     from warpchain.results.losses import losses
     from warpchain.results.units import quantity_words
@@ -411,7 +411,7 @@ def _run_summary(drive: Any, row: dict[str, Any], seconds: float) -> list[str]:
 
 
 def _run_loss_lines(drive: Drive, row: dict[str, Any]) -> list[str]:
-    """A line on a run's losses by group: power, and share of the input."""
+    """Line of `warpchain run` on losses by group: power, and share of the input."""
     from warpchain.results.losses import loss_shares
     from warpchain.results.units import quantity_words
 
@@ -431,7 +431,7 @@ def _run_loss_lines(drive: Drive, row: dict[str, Any]) -> list[str]:
 
 
 def _run_status_lines(row: dict[str, Any]) -> list[str]:
-    """Lines on a run's status, one for each reason why it is not ok."""
+    """Lines of `warpchain run` on a run's status and reasons."""
     first, *further = row["reason"].split("; ")
     return [f"status: {row['status']}" + (f": {first}" if first else ""), *(f"  and: {reason}" for reason in further)]
 

@@ -14,11 +14,11 @@ if TYPE_CHECKING:
     from warpchain.drive import Drive
 
 WATCH_INTERVAL = 0.25
-"""Seconds between two looks at a watched drive file."""
+"""Time between looks at a watched drive file [s]."""
 
 
 def draw_drive(drive: Drive, path: Path) -> None:
-    """Writes the picture of a drive, also of one whose number of links does not fit.
+    """Writes a drive's picture, also if its number of links does not fit.
 
     Raises:
         WarpchainError: another ending than .png or .svg, a chain without a path, or a file that cannot be written.
@@ -31,7 +31,7 @@ def draw_drive(drive: Drive, path: Path) -> None:
 
 
 def check_picture_ending(path: Path) -> None:
-    """Raises an error for a picture's name that ends in neither .png nor .svg."""
+    """Raises WarpchainError for a picture to draw without .png or .svg."""
     from warpchain.view.figures.figure_style import FIGURE_KINDS
 
     if path.suffix[1:] not in FIGURE_KINDS:
@@ -51,7 +51,7 @@ def draw_lines(drive: Drive, path: Path) -> list[str]:
 
 
 def watch_drive_file(load: Callable[[], Drive], arguments: Namespace) -> None:
-    """Draws a drive at once and whenever its file changes, until Ctrl-C; prints what is wrong and goes on.
+    """Draws a drive whenever its file changes, until Ctrl-C; prints what is wrong and goes on.
 
     Args:
         load: reads the drive.
@@ -77,7 +77,7 @@ def watch_drive_file(load: Callable[[], Drive], arguments: Namespace) -> None:
 
 
 def _draw_lines_or_errors(load: Callable[[], Drive], path: Path) -> list[str]:
-    """Lines on a watched drive, errors as lines too."""
+    """Lines on a drive that is drawn, or its error's."""
     try:
         return draw_lines(load(), path)
     except WarpchainError as error:
@@ -85,7 +85,7 @@ def _draw_lines_or_errors(load: Callable[[], Drive], path: Path) -> list[str]:
 
 
 def _file_state(file: Path) -> tuple[int, int, int] | None:
-    """State of a watched drive file, another after each save; None while an editor has it away."""
+    """State of a drive file watched to be drawn, new after each save, or None."""
     try:
         now = file.stat()
     except OSError:

@@ -13,7 +13,7 @@ COLUMNS = {
     "adjusted_links": "number of links that a study's [adjust] chose for the row",
     "adjusted_travel": "way [m] that a study's [adjust] moved its sprocket along its direction",
 }
-"""Meanings of a study table's columns that are no metrics."""
+"""Meanings of study tables' columns that are no metrics."""
 FINDINGS = {
     "LOOK AT": "a rule of thumb that the drive breaks; it runs, but look at what the line says (docs/check.md)",
     "LAYOUT": "a fault of the layout; it runs, but the run is suspect, as no step is small enough for it",
@@ -37,7 +37,7 @@ FINDINGS = {
     "no load balances it": "without a load that grows, or a moment that falls with speed, the motor speeds up for ever",
     "nothing ties this shaft": "valves on a shaft of its own are moved by nothing",
 }
-"""Meanings of lines of `check`, by words that only such a line has."""
+"""Meanings of lines of `check`, by words that only they have."""
 
 
 def explanation_lines(text: str) -> list[str]:
@@ -64,7 +64,7 @@ def explanation_lines(text: str) -> list[str]:
 
 
 def _name_lines(name: str) -> Iterator[str]:
-    """Lines on a name as a metric, a column, and a key behind those of its tables."""
+    """Lines that explain a name as metric, column and key."""
     from warpchain.results.metric_columns import column_of_metric
 
     if column := column_of_metric(name):
@@ -77,7 +77,7 @@ def _name_lines(name: str) -> Iterator[str]:
 
 
 def _tables_by_description(key: str) -> dict[str, list[str]]:
-    """Tables that have a key of drive and study files, by its description there."""
+    """Tables of drive and study files that have a key to explain, by its description."""
     found: dict[str, list[str]] = {}
     for kind, table in _table_schemas().items():
         if key in table.get("properties", {}):
@@ -87,7 +87,7 @@ def _tables_by_description(key: str) -> dict[str, list[str]]:
 
 @cache
 def _table_schemas() -> dict[str, Any]:
-    """JSON schemas of the tables of drive and study files, by kind."""
+    """JSON schemas of drive and study files' tables to explain, by kind."""
     from warpchain.drive.json_schema import drive_schema
     from warpchain.study.spec import study_schema
 

@@ -26,9 +26,8 @@ if TYPE_CHECKING:
     from warpchain.drive import Drive
 
 FIT_DIGITS = 15
-"""Significant digits of fitted centers in the drive file."""
 ANGLE_TOLERANCE = 1.0
-"""Difference [degrees] from a wanted arm angle that goes without a line."""
+"""Miss of a wanted arm angle that goes without a line [degrees]."""
 
 
 def fit_drive_file(arguments: Namespace) -> list[str]:
@@ -97,7 +96,7 @@ def fit_drive_file(arguments: Namespace) -> list[str]:
 
 
 def _check_wrap(arguments: Namespace, moving: bool) -> None:
-    """Refuses a wanted wrap without a sprocket to move, or beside what its place decides."""
+    """Raises DriveError for a wrap to fit that moves no sprocket, or is decided already."""
     if arguments.wrap is None and arguments.around is not None:
         raise DriveError("--around: needs --wrap")
     if arguments.wrap is not None and not moving:
@@ -108,7 +107,7 @@ def _check_wrap(arguments: Namespace, moving: bool) -> None:
 
 
 def _wanted_arm_angle(drive: Drive, arguments: Namespace) -> dict[str, float] | None:
-    """Wanted angle [degrees] of an arm by its name; None without one."""
+    """Arm angle [degrees] to fit by arm, or None."""
     if arguments.angle is None:
         if arguments.arm is not None:
             raise DriveError("--arm: needs --angle")
@@ -119,7 +118,7 @@ def _wanted_arm_angle(drive: Drive, arguments: Namespace) -> dict[str, float] | 
 
 
 def _direction_from_word(word: str) -> list[float]:
-    """Direction (x, y) of `warpchain fit --along DX,DY`."""
+    """Direction (x, y) from a word of `fit --along`."""
     try:
         direction = [float(part) for part in word.split(",")]
     except ValueError:
@@ -130,7 +129,7 @@ def _direction_from_word(word: str) -> list[float]:
 
 
 def _fit_change_lines(before: Drive, after: Drive) -> list[str]:
-    """Lines on the links and centers that a fit changed."""
+    """Lines on links and centers that a fit changed."""
     lines = []
     for one, other in zip(Model(before).chains, Model(after).chains, strict=True):
         if other.links != one.links:
@@ -143,7 +142,7 @@ def _fit_change_lines(before: Drive, after: Drive) -> list[str]:
 
 
 def _missed_angle_lines(drive: Drive, wanted: dict[str, float]) -> list[str]:
-    """A line on each arm that does not stand at its wanted angle [degrees] after a fit."""
+    """Lines on arms that a fit leaves off their wanted angle [degrees]."""
     lines = []
     for model in Model(drive).chains:
         mine = [(a, arm.name) for a, arm in enumerate(model.arms) if arm.name in wanted]
@@ -158,7 +157,7 @@ def _missed_angle_lines(drive: Drive, wanted: dict[str, float]) -> list[str]:
 
 
 def _fit_state_lines(drive: Drive) -> list[str]:
-    """Lines on strain, preload and sags of a fitted drive's chains."""
+    """Lines on strain, preload and sags of a fitted drive."""
     lines = []
     for model in Model(drive).chains:
         name = f"{model.name}: " if model.name else ""
@@ -170,7 +169,7 @@ def _fit_state_lines(drive: Drive) -> list[str]:
 
 
 def _chain_fit_lines(model: ChainModel) -> list[str]:
-    """Lines on strain, preload, sags and findings of one fitted chain."""
+    """Lines on strain, preload, sags and findings of a fitted chain."""
     assembly = assemble_chain(model)
     state = "taut" if assembly.strain >= 0.0 else "slack"
     preload = max(0.0, model.chain.mean_stiffness * model.chain.pitch * assembly.strain)
@@ -192,5 +191,5 @@ def _chain_fit_lines(model: ChainModel) -> list[str]:
 
 
 def _sags_text(model: ChainModel, sags: Mapping[int, float]) -> str:
-    """Text of sags [m] by their strands."""
+    """Text of a fit's sags [m], by strand."""
     return ", ".join(f"{model.strand_names[k]} {1e3 * sag:.3g} mm" for k, sag in sags.items())

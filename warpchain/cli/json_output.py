@@ -17,21 +17,21 @@ if TYPE_CHECKING:
 
 
 def json_text(values: Mapping[str, Any]) -> str:
-    """Values as the text of a JSON object; numbers that are not finite are null."""
-    return json.dumps(_finite(values), indent=2, allow_nan=False, ensure_ascii=False)
+    """Text of a JSON object; numbers that are not finite are null."""
+    return json.dumps(_finite_json(values), indent=2, allow_nan=False, ensure_ascii=False)
 
 
-def _finite(value: Any) -> Any:
-    """A JSON value with None for numbers that are not finite, however deep."""
+def _finite_json(value: Any) -> Any:
+    """JSON value with None for numbers that are not finite."""
     if isinstance(value, Mapping):
-        return {key: _finite(inner) for key, inner in value.items()}
+        return {key: _finite_json(inner) for key, inner in value.items()}
     if isinstance(value, (list, tuple)):
-        return [_finite(inner) for inner in value]
+        return [_finite_json(inner) for inner in value]
     return None if isinstance(value, float) and not math.isfinite(value) else value
 
 
 def check_values(drive: Drive, name: str, defaults: Mapping[str, Any]) -> dict[str, Any]:
-    """The values that `check --json` prints of a drive.
+    """Values of `check --json` on a drive.
 
     Args:
         name: of its file or example.
@@ -45,7 +45,7 @@ def check_values(drive: Drive, name: str, defaults: Mapping[str, Any]) -> dict[s
 
 
 def run_values(drive: Drive, metrics: Mapping[str, Any], info: RunInfo, archive: Path | None) -> dict[str, Any]:
-    """The values that `run --json` prints beside `check_values`.
+    """Values of `run --json` beside those of `check --json`.
 
     Args:
         metrics: the row of the run.

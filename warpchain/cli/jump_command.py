@@ -13,7 +13,7 @@ from warpchain.engine.jump import BOTH, UNITS, Jump, find_jumps
 
 
 def jump_command_lines(drive: Drive, arguments: argparse.Namespace) -> list[str]:
-    """Searches the jump of a tooth as asked; returns the lines to print."""
+    """Searches where a chain jumps a tooth, as asked; returns lines to print."""
     quiet = arguments.quiet
     found = find_jumps(
         drive,
@@ -37,24 +37,24 @@ def jump_command_lines(drive: Drive, arguments: argparse.Namespace) -> list[str]
 
 
 def margin_to_jump(jump: Jump, by: str) -> float | None:
-    """Margin to a tooth jump: torque that holds over the drive's own, or wear less its own; None without a torque."""
+    """Margin to a tooth jump: torque that holds over the drive's, or wear less its own, or None."""
     if by == "wear":
         return jump.holds - jump.own
     return jump.holds / abs(jump.own) if jump.own else None
 
 
 def _jump_json(jump: Jump, by: str) -> dict[str, object]:
-    """A tooth jump's search for JSON, in SI units."""
+    """Values of `warpchain jump --json`, in SI units."""
     values = {key: value for key, value in asdict(jump).items() if key != "direction"}
     known = {key: None if isinstance(value, float) and math.isnan(value) else value for key, value in values.items()}
     return known | {"margin": margin_to_jump(jump, by)}
 
 
 def _jump_lines(jump: Jump, by: str) -> list[str]:
-    """Lines on the load or wear at which a chain jumps in one direction."""
+    """Lines on the load or wear at which a chain jumps one way."""
 
     def load_text(value: float) -> str:
-        """Load [N m] or wear [%] of a tooth jump as text."""
+        """Text of a tooth jump's load [N m] or wear [%]."""
         return f"{value:.4g} N m on {jump.on}" if by == "torque" else f"{100.0 * value:.3g} % of wear{chain}"
 
     chain = f" of {jump.on}" if by == "wear" and jump.on else ""
@@ -73,7 +73,7 @@ def _jump_lines(jump: Jump, by: str) -> list[str]:
 
 
 def _own_load_text(jump: Jump, by: str) -> str:
-    """The drive's own load or wear in words, with the margin to a jump."""
+    """Text of the drive's own load or wear, with margin to a jump."""
     far = margin_to_jump(jump, by)
     if by == "wear":
         return f"its own is {100.0 * jump.own:.3g} %"

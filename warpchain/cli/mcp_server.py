@@ -1,7 +1,7 @@
 """The command `warpchain mcp`: tools for an assistant, by the Model Context Protocol on standard input and output.
 
-A tool is a command of the command line, its arguments the command's. Each call is a process of its own: standard output
-stays the protocol's, and the server outlives a call that fails.
+A tool is a command of the command line, its arguments the command's. Each call is a process of its own, so that the
+server outlives a call that fails.
 """
 
 from __future__ import annotations
@@ -46,12 +46,12 @@ INSTRUCTIONS = (
 def add_mcp_command(commands: Any) -> None:
     """Adds `warpchain mcp` to the command line, whose other commands are its tools."""
 
-    def run(arguments: argparse.Namespace) -> int:
-        """Body of `warpchain mcp`; returns its exit status."""
+    def mcp_command(arguments: argparse.Namespace) -> int:
+        """Body of `warpchain mcp`: serves an assistant."""
         return serve_assistant(commands.choices, arguments.write)
 
     text = "give an assistant tools over the Model Context Protocol, on standard input and output (docs/assistants.md)"
-    parser = add_command(commands, "mcp", run, text, "warpchain mcp --write drives")
+    parser = add_command(commands, "mcp", mcp_command, text, "warpchain mcp --write drives")
     text = "folder that all its outputs must be in, and that it starts in; without it, it writes nothing"
     parser.add_argument("--write", metavar="FOLDER", type=Path, help=text)
 
@@ -81,11 +81,11 @@ def serve_assistant(commands: Parsers, write: Path | None) -> int:
     parsers = {name: _command_parser(commands, words) for name, words in TOOLS.items()}
 
     async def list_tools(*_: Any) -> ListToolsResult:
-        """The tools with the schemas of their arguments."""
+        """MCP tools for the assistant, with the schemas of their arguments."""
         return ListToolsResult(tools=[_described_tool(name, of, write is None) for name, of in parsers.items()])
 
     async def call_tool(_: Any, asked: Any) -> CallToolResult:
-        """Result of a tool's call, an error in the words of the command line."""
+        """Result of an MCP tool's call, an error in the command line's words."""
         try:
             if asked.name not in parsers:
                 raise WarpchainError(f"{asked.name}: no such tool; allowed are {', '.join(parsers)}")
@@ -93,19 +93,19 @@ def serve_assistant(commands: Parsers, write: Path | None) -> int:
         except (WarpchainError, OSError, ValueError) as error:  # also a word that no process can be given
             return CallToolResult(content=[TextContent(text=f"warpchain: error: {error}")], is_error=True)
 
-    async def serve() -> None:
-        """Serves until standard input ends."""
+    async def serve_until_end() -> None:
+        """Serves the assistant until standard input ends."""
         given: Any = {"instructions": INSTRUCTIONS, "on_list_tools": list_tools, "on_call_tool": call_tool}
         server: Server[Any] = Server("warpchain", version=installed_version(), **given)
         async with stdio_server() as (received, sent):
             await server.run(received, sent, server.create_initialization_options())
 
-    anyio.run(serve)
+    anyio.run(serve_until_end)
     return DONE
 
 
 def _command_parser(commands: Parsers, words: tuple[str, ...]) -> argparse.ArgumentParser:
-    """Parser of a command, or of one below it."""
+    """Parser of an MCP tool's command, or of one below it."""
     parser = commands[words[0]]
     for word in words[1:]:
         parser = next(action.choices[word] for action in parser._actions if isinstance(action.choices, dict))
@@ -113,7 +113,7 @@ def _command_parser(commands: Parsers, words: tuple[str, ...]) -> argparse.Argum
 
 
 def _described_tool(name: str, parser: argparse.ArgumentParser, read_only: bool) -> Tool:
-    """A tool with its command's help and the schema of its arguments."""
+    """MCP tool with its command's help and the schema of its arguments."""
     from mcp.types import Tool, ToolAnnotations
 
     said, schema = f"{parser.description}\n{parser.epilog}", arguments_schema(parser)
@@ -124,12 +124,12 @@ def _described_tool(name: str, parser: argparse.ArgumentParser, read_only: bool)
 
 
 def _shown_actions(parser: argparse.ArgumentParser) -> dict[str, argparse.Action]:
-    """A command's arguments that its tool has, by name."""
+    """Arguments of a command that its MCP tool has, by name."""
     return {action.dest: action for action in parser._actions if action.dest not in HIDDEN}
 
 
 def arguments_schema(parser: argparse.ArgumentParser) -> dict[str, Any]:
-    """JSON schema of a tool's arguments from the parser of its command."""
+    """JSON schema of an MCP tool's arguments, from its command's parser."""
     properties, required = dict[str, Any](), list[str]()
     for dest, action in _shown_actions(parser).items():
         kind: dict[str, Any] = {"type": "string" if action.type in (None, Path) else ["number", "string"]}
@@ -145,7 +145,7 @@ def arguments_schema(parser: argparse.ArgumentParser) -> dict[str, Any]:
 
 
 def command_words(parser: argparse.ArgumentParser, values: Mapping[str, Any]) -> list[str]:
-    """Words of a command line for a tool's arguments; raises a WarpchainError for unknown ones and hidden options."""
+    """Words of an MCP tool's command line; raises WarpchainError for unknown or hidden options."""
     actions, options, places = _shown_actions(parser), list[str](), list[str]()
     for name, value in values.items():
         if name not in actions:
@@ -165,7 +165,7 @@ def command_words(parser: argparse.ArgumentParser, values: Mapping[str, Any]) ->
 
 
 def _refuse_outputs_outside(name: str, arguments: Mapping[str, Any], write: Path | None) -> None:
-    """Raises an error for outputs outside the folder that may be written, all outputs where there is none."""
+    """Raises WarpchainError for an MCP tool's outputs outside the folder to write."""
     for key in OUTPUTS & set(arguments):
         if write is None:
             raise WarpchainError(f"{name}: writes nothing here; start it as: warpchain mcp --write FOLDER")
@@ -177,7 +177,7 @@ def _refuse_outputs_outside(name: str, arguments: Mapping[str, Any], write: Path
 async def _call_command(
     name: str, parser: argparse.ArgumentParser, arguments: Mapping[str, Any], write: Path | None
 ) -> CallToolResult:
-    """Runs a tool's command; gives its lines, and the picture of draw. Raises a WarpchainError for what may not be."""
+    """Result of an MCP tool's command: lines, and the picture of draw; raises WarpchainError."""
     from base64 import b64encode
     from subprocess import DEVNULL
     from tempfile import TemporaryDirectory

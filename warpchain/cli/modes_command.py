@@ -17,7 +17,7 @@ MODE_ENDINGS = (".html", ".png", ".svg", ".rrd", ".npz")
 
 
 def mode_command_lines(drive: Drive, arguments: argparse.Namespace) -> list[str]:
-    """Finds a drive's modes, writes what was asked for, and returns the lines to print."""
+    """Finds a drive's modes, writes what was asked for; returns lines to print."""
     from warpchain.modal.campbell import MOST_PHASES, MOST_POINTS
     from warpchain.modal.eigenmodes import modes
     from warpchain.modal.mode_page import campbell_lines, mode_lines
@@ -49,7 +49,7 @@ def mode_command_lines(drive: Drive, arguments: argparse.Namespace) -> list[str]
 
 
 def _campbell_diagram(drive: Drive, speeds: list[float], points: int, count: int, phases: int) -> Campbell:
-    """A drive's Campbell diagram, with a progress bar."""
+    """Campbell diagram of a drive's modes, found with a progress bar."""
     import numpy as np
 
     from warpchain.modal.campbell import campbell, pitch_averaged_campbell
@@ -61,7 +61,7 @@ def _campbell_diagram(drive: Drive, speeds: list[float], points: int, count: int
 
 
 def _write_modes(path: Path, result: Modes, found: Campbell | None) -> None:
-    """Writes modes or a Campbell diagram as page, figure, recording or arrays, by the path's ending."""
+    """Writes modes or a Campbell diagram as page, figure, recording or arrays, by ending."""
     from warpchain.errors import ArchiveError
     from warpchain.files import refusals_as_errors, whole_file, write_text_file
     from warpchain.modal import mode_figures

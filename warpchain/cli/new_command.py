@@ -37,14 +37,14 @@ if TYPE_CHECKING:
 Point = tuple[float, float]
 
 SCHEMA = "drive.schema.json"
-"""File beside drive files from which editors complete keys."""
+"""Schema's file, from which editors complete keys."""
 CHAIN_SPEED = 3.0
-"""Speed of the chain where none is given [m/s]."""
+"""Speed of the chain by default [m/s]."""
 
 
 @dataclass(frozen=True)
 class DriveRequest:
-    """A drive that `warpchain new` is asked for, and the values that follow.
+    """Drive that `warpchain new` is asked for, and the values that follow.
 
     Attributes:
         chain: row of the catalog.
@@ -65,13 +65,13 @@ class DriveRequest:
 
     @property
     def sprocket_names(self) -> list[str]:
-        """Names of the sprockets: driver, idlers, driven."""
+        """Names of a new drive's sprockets: driver, idlers, driven."""
         idlers = [f"idler {k}" if len(self.teeth) > 3 else "idler" for k in range(1, len(self.teeth) - 1)]
         return ["driver", *idlers, "driven"]
 
     @property
     def wrap_senses(self) -> list[str]:
-        """Senses in which the chain goes around each sprocket: the polygon's, the other one at its notches."""
+        """Senses of a new drive's chain around sprockets, the other one at notches."""
         return wrap_senses(list(self.centers))
 
 
@@ -85,7 +85,7 @@ def new_drive_file(arguments: Namespace) -> list[str]:
 
 
 def write_drive_request(asked: DriveRequest, path: Path, overwrite: bool, keep_centers: bool = False) -> list[str]:
-    """Writes the drive file of a request, with links and last center that fit, and its schema; returns lines to print.
+    """Writes a new drive's file, with links and center that fit, and schema; returns lines to print.
 
     Raises:
         DriveError: a chain without a path, or a file that is there.
@@ -108,7 +108,7 @@ def write_drive_request(asked: DriveRequest, path: Path, overwrite: bool, keep_c
 
 
 def _drive_request(arguments: Namespace) -> DriveRequest:
-    """The drive that `warpchain new`'s arguments ask for.
+    """Drive that `warpchain new`'s arguments ask for.
 
     Raises:
         DriveError: an unknown size, or too few teeth or centers.
@@ -143,14 +143,14 @@ def _drive_request(arguments: Namespace) -> DriveRequest:
 
 
 def _choice_lines(asked: DriveRequest, drive: Drive, moved: float) -> list[str]:
-    """A line on the links and the last center that were chosen for a new drive."""
+    """Line on links and last center chosen for a new drive."""
     last = f"{asked.sprocket_names[-1]} moved by {1e3 * moved:.3g} mm"
     place = "" if moved == 0.0 else f"; {last} to [{_center_text(drive.sprockets[-1].center)}]"
     return [f"{drive.chain.links} links{place}"]
 
 
 def _center_text(center: Point) -> str:
-    """A sprocket's center as text of a new drive file."""
+    """Text of a sprocket's center in a new drive file."""
     return ", ".join(repr(float(x)) for x in center)
 
 
@@ -225,7 +225,7 @@ def _drive_file_text(asked: DriveRequest) -> str:
 
 
 def _sprocket_table_lines(asked: DriveRequest, s: int, radius: float, ramp_time: float) -> list[tuple[str, str]]:
-    """Lines and comments of sprocket s in a new drive file."""
+    """Lines of sprocket s in a new drive file, with comments."""
     last, ramp = len(asked.teeth) - 1, f"ramp_time = {rounded_to_two_figures(ramp_time):g}"
     mass, inertia = disk_mass_and_inertia(radius, TOOTH_WIDTH * asked.chain.inner_width * asked.chain.strands)
     moved = f"moved by {1e3 * asked.moved:.3g} mm, so that {asked.links} links fit" if asked.moved and s == last else ""

@@ -16,49 +16,49 @@ from warpchain.drive.thermal import Expansion
 from warpchain.results.statuses import STATUSES
 
 FORMAT = 1
-"""Format of `check --json` and `run --json`: another number has other keys."""
+"""Format of the output: another number has other keys."""
 
 Schema = dict[str, Any]
 
 
 def _value_schema(kind: str, text: str, null: bool, **more: Any) -> Schema:
-    """JSON schema of a value of a type, or also of null."""
+    """JSON schema of an output's value of a type, or null."""
     return {"type": [kind, "null"] if null else kind, "description": text, **more}
 
 
 def _number_schema(unit: str, text: str, null: bool = False) -> Schema:
-    """JSON schema of a number with its unit."""
+    """JSON schema of an output's number with its unit."""
     return _value_schema("number", text, null, unit=unit)
 
 
 def _count_schema(text: str) -> Schema:
-    """JSON schema of a whole number from 0 on."""
+    """JSON schema of an output's whole number from 0 on."""
     return _value_schema("integer", text, False, unit="1", minimum=0)
 
 
 def _text_schema(text: str, null: bool = False, **more: Any) -> Schema:
-    """JSON schema of a text."""
+    """JSON schema of an output's text."""
     return _value_schema("string", text, null, **more)
 
 
 def _flag_schema(text: str) -> Schema:
-    """JSON schema of true or false."""
+    """JSON schema of an output's true or false."""
     return _value_schema("boolean", text, False)
 
 
 def _list_schema(text: str, item: Schema, null: bool = False) -> Schema:
-    """JSON schema of a list of like items."""
+    """JSON schema of an output's list of like items."""
     return _value_schema("array", text, null, items=item)
 
 
 def _table_schema(text: str, values: Schema, null: bool = False, optional: tuple[str, ...] = ()) -> Schema:
-    """JSON schema of an object with these keys and no others, all required but the optional ones."""
+    """JSON schema of an output's object with these keys, required but for `optional` ones."""
     required = [key for key in values if key not in optional]
     return _value_schema("object", text, null, properties=values, required=required, additionalProperties=False)
 
 
 def _mapping_schema(text: str, item: Schema) -> Schema:
-    """JSON schema of an object whose keys are names."""
+    """JSON schema of an output's object whose keys are names."""
     return _value_schema("object", text, False, additionalProperties=item)
 
 
@@ -406,7 +406,7 @@ _RESULT = {
 
 
 def output_schema() -> Schema:
-    """The JSON schema of the output of `check --json` and `run --json`; a run has all keys of `_RESULT`, too."""
+    """JSON schema of the output of `check --json` and `run --json`."""
     one, several = (
         _table_schema("of one chain", _CHAIN, optional=_CHAIN_OPTIONAL),
         _table_schema("of several chains", _SEVERAL),
@@ -427,7 +427,7 @@ def output_schema() -> Schema:
 
 
 def described_values(schema: Schema, path: str = "") -> Iterator[tuple[str, str, str]]:
-    """Key path, unit and description of each value that a schema describes, such as `strands[].length`."""
+    """Key path, unit and description of each value in a schema, such as `strands[].length`."""
     for key, value in schema.get("properties", {}).items():
         place = f"{path}.{key}" if path else key
         inner = value.get("items") or value.get("additionalProperties") or value

@@ -1,6 +1,6 @@
 """The command line's parser and its start: `warpchain new | check | draw | run | view | study | ...`.
 
-Exit statuses: see `warpchain.cli.commands`; mistakes of the user and refusals of the machine are one line each.
+Mistakes of the user and refusals of the machine are one line each.
 """
 
 from __future__ import annotations
@@ -55,34 +55,33 @@ HELP_EXAMPLES = """examples:
 
 
 SHELLS = ("bash", "zsh", "fish")
-"""Shells that `--completions` knows."""
 
 STEP_OPTION: Any = {
     "type": number_or_auto_from_word,
     "metavar": "SECONDS",
     "help": 'time step, or "auto"; default the drive\'s own',
 }
-"""Option of `run` and `export`, as `add_argument` takes it."""
+"""Option --step of `run` and `export`."""
 
 JSON_HELP = "print JSON, in SI units (warpchain schema output; docs/scripts.md)"
-"""Help of the option of `check` and `run`."""
+"""Help of --json."""
 
 
 class _OneLineParser(argparse.ArgumentParser):
-    """The command line's argument parser, which prints a mistake in one line, without the usage."""
+    """Argument parser that prints a mistake in one line."""
 
     def error(self, message: str) -> NoReturn:
-        """Ends the program with a mistake of the command line in one line."""
+        """Ends the program with the parser's error in one line."""
         self.exit(WRONG, f"warpchain: error: {message}; see {self.prog} --help\n")
 
 
 def _add_function_command(commands: Any, run: CommandBody, text: str, example: str) -> Any:
-    """Adds a command whose name begins its function's to the command line; returns its parser."""
+    """Adds a command named as its function begins; returns its parser."""
     return add_command(commands, run.__name__.partition("_")[0], run, text, example)
 
 
 def _add_new_command(commands: Any) -> None:
-    """Adds `warpchain new` to the command line."""
+    """Adds `warpchain new` to the parser."""
     example = "warpchain new drive.toml --size 16B --teeth 19 57 --centers 0 0 1.0 0 --speed 300rpm --torque 900"
     parser = _add_function_command(
         commands, do.new_command, "write a commented drive file from a size, teeth and centers", example
@@ -104,7 +103,7 @@ def _add_new_command(commands: Any) -> None:
 
 
 def _add_select_command(commands: Any) -> None:
-    """Adds `warpchain select` to the command line."""
+    """Adds `warpchain select` to the parser."""
     parser = _add_function_command(
         commands,
         do.select_command,
@@ -130,7 +129,7 @@ def _add_select_command(commands: Any) -> None:
 
 
 def _add_check_command(commands: Any) -> None:
-    """Adds `warpchain check` to the command line."""
+    """Adds `warpchain check` to the parser."""
     parser = _add_function_command(
         commands, do.check_command, "check a drive without running it", "warpchain check marine"
     )
@@ -140,7 +139,7 @@ def _add_check_command(commands: Any) -> None:
 
 
 def _add_draw_command(commands: Any) -> None:
-    """Adds `warpchain draw` to the command line."""
+    """Adds `warpchain draw` to the parser."""
     parser = _add_function_command(
         commands,
         do.draw_command,
@@ -155,14 +154,14 @@ def _add_draw_command(commands: Any) -> None:
 
 
 def _add_explain_command(commands: Any) -> None:
-    """Adds `warpchain explain` to the command line."""
+    """Adds `warpchain explain` to the parser."""
     text = "say what a metric, a key of drive and study files, a limit, or a line of an error or of check means"
     parser = _add_function_command(commands, do.explain_command, text, "warpchain explain tension_q999")
     parser.add_argument("text", metavar="TEXT", help="one name, or the line of an error or of check")
 
 
 def _add_chains_command(commands: Any) -> None:
-    """Adds `warpchain chains` to the command line."""
+    """Adds `warpchain chains` to the parser."""
     _add_function_command(
         commands,
         do.chains_command,
@@ -172,7 +171,7 @@ def _add_chains_command(commands: Any) -> None:
 
 
 def _add_metrics_command(commands: Any) -> None:
-    """Adds `warpchain metrics` to the command line."""
+    """Adds `warpchain metrics` to the parser."""
     text = "list the metrics that a run of a drive gives, with units and words"
     parser = _add_function_command(commands, do.metrics_command, text, "warpchain metrics car | grep tension")
     add_shared_options(parser, "drive", "--set")
@@ -180,20 +179,20 @@ def _add_metrics_command(commands: Any) -> None:
 
 
 def _add_schema_command(commands: Any) -> None:
-    """Adds `warpchain schema` to the command line."""
+    """Adds `warpchain schema` to the parser."""
     text = "print the JSON schema of drive files or study files, for editors, or of the output of --json, for scripts"
     parser = _add_function_command(commands, do.schema_command, text, "warpchain schema drive > drive.schema.json")
     parser.add_argument("of", choices=["drive", "study", "output"], help="which one")
 
 
 def _add_devices_command(commands: Any) -> None:
-    """Adds `warpchain devices` to the command line."""
+    """Adds `warpchain devices` to the parser."""
     text = "list the devices that runs can take"
     _add_function_command(commands, do.devices_command, text, "warpchain devices")
 
 
 def _add_fit_command(commands: Any) -> None:
-    """Adds `warpchain fit` to the command line."""
+    """Adds `warpchain fit` to the parser."""
     parser = _add_function_command(
         commands,
         do.fit_command,
@@ -224,7 +223,7 @@ def _add_fit_command(commands: Any) -> None:
 
 
 def _add_modes_command(commands: Any) -> None:
-    """Adds `warpchain modes` to the command line."""
+    """Adds `warpchain modes` to the parser."""
     parser = _add_function_command(
         commands,
         do.modes_command,
@@ -257,7 +256,7 @@ def _add_modes_command(commands: Any) -> None:
 
 
 def _add_tensioner_command(commands: Any) -> None:
-    """Adds `warpchain tensioner` to the command line."""
+    """Adds `warpchain tensioner` to the parser."""
     parser = _add_function_command(
         commands,
         do.tensioner_command,
@@ -311,7 +310,7 @@ def _add_tensioner_command(commands: Any) -> None:
 
 
 def _add_jump_command(commands: Any) -> None:
-    """Adds `warpchain jump` to the command line."""
+    """Adds `warpchain jump` to the parser."""
     text = "find the torque, or the wear, at which the chain jumps a tooth, forward and in reverse"
     parser = _add_function_command(
         commands, do.jump_command, text, "warpchain jump industrial --by wear --direction forward"
@@ -338,7 +337,7 @@ def _add_jump_command(commands: Any) -> None:
 
 
 def _add_run_command(commands: Any) -> None:
-    """Adds `warpchain run` to the command line."""
+    """Adds `warpchain run` to the parser."""
     parser = _add_function_command(
         commands,
         do.run_command,
@@ -400,7 +399,7 @@ def _add_run_command(commands: Any) -> None:
 
 
 def _add_warm_command(commands: Any) -> None:
-    """Adds `warpchain warm` to the command line."""
+    """Adds `warpchain warm` to the parser."""
     text = "compile the kernels that runs need, so that the first one does not wait for them"
     parser = _add_function_command(commands, do.warm_command, text, "warpchain warm")
     drives = "drive files or examples; default three whose kernels serve all drives of up to 231 links a chain on a CPU"
@@ -411,7 +410,7 @@ def _add_warm_command(commands: Any) -> None:
 
 
 def _add_view_command(commands: Any) -> None:
-    """Adds `warpchain view` to the command line."""
+    """Adds `warpchain view` to the parser."""
     parser = _add_function_command(
         commands, do.view_command, "show an archive in Rerun", "warpchain view marine.mcap --save marine.rrd"
     )
@@ -435,7 +434,7 @@ def _add_view_command(commands: Any) -> None:
 
 
 def _add_plot_command(commands: Any) -> None:
-    """Adds `warpchain plot` to the command line."""
+    """Adds `warpchain plot` to the parser."""
     parser = _add_function_command(
         commands, do.plot_command, "draw an archive's figures", "warpchain plot marine.mcap -o plots"
     )
@@ -458,7 +457,7 @@ def _add_plot_command(commands: Any) -> None:
 
 
 def _add_report_command(commands: Any) -> None:
-    """Adds `warpchain report` to the command line."""
+    """Adds `warpchain report` to the parser."""
     parser = _add_function_command(
         commands,
         do.report_command,
@@ -483,7 +482,7 @@ def _add_report_command(commands: Any) -> None:
 
 
 def _add_export_command(commands: Any) -> None:
-    """Adds `warpchain export` to the command line."""
+    """Adds `warpchain export` to the parser."""
     parser = _add_function_command(
         commands,
         do.export_command,
@@ -508,7 +507,7 @@ def _add_export_command(commands: Any) -> None:
 
 
 def _add_import_command(commands: Any) -> None:
-    """Adds `warpchain import` to the command line."""
+    """Adds `warpchain import` to the parser."""
     parser = _add_function_command(
         commands,
         do.import_command,
@@ -538,7 +537,7 @@ def _add_import_command(commands: Any) -> None:
 
 
 def _add_cut_command(commands: Any) -> None:
-    """Adds `warpchain cut` to the command line."""
+    """Adds `warpchain cut` to the parser."""
     parser = _add_function_command(
         commands,
         do.cut_command,
@@ -558,7 +557,7 @@ def _add_cut_command(commands: Any) -> None:
 
 
 def _add_recover_command(commands: Any) -> None:
-    """Adds `warpchain recover` to the command line."""
+    """Adds `warpchain recover` to the parser."""
     parser = _add_function_command(
         commands,
         do.recover_command,
@@ -575,7 +574,7 @@ def _add_recover_command(commands: Any) -> None:
 
 
 def _add_study_command(commands: Any) -> None:
-    """Adds `warpchain study` with its commands to the command line."""
+    """Adds `warpchain study` with its commands to the parser."""
     text = "run and analyze a design of experiments"
     parser = add_command(commands, "study", None, text, "warpchain study run STUDY.toml -o DIR")
     studies = parser.add_subparsers(dest="study_command", metavar="COMMAND", required=True)
@@ -614,11 +613,11 @@ COMMAND_ADDERS = (
     add_calibrate_command,
     add_mcp_command,
 )
-"""Functions that add a command each to the command line, in the order of the help."""
+"""Functions that add the commands, in the help's order."""
 
 
 def command_line_parser() -> argparse.ArgumentParser:
-    """The parser of the whole command line."""
+    """Parser of the whole command line."""
     top = _OneLineParser(
         prog="warpchain",
         description="Dynamics of roller-chain drives, many variants at once.",
@@ -635,7 +634,7 @@ def command_line_parser() -> argparse.ArgumentParser:
 
 
 def run_command_line(argv: Sequence[str] | None = None) -> int:
-    """Runs the command line and returns the exit status; errors are printed in one line each."""
+    """Runs the parsed command line; returns the exit status, errors printed in one line each."""
     warnings.showwarning = _print_warning
     with contextlib.suppress(AttributeError, ValueError, OSError):  # a standard error that is no file
         faulthandler.enable()
@@ -692,7 +691,7 @@ def _print_error_line(line: str) -> None:
 
 
 def _discard_output() -> None:
-    """Discards output that could not be printed, which Python would try once more at its end."""
+    """Discards output that could not be printed, so that Python does not try again."""
     with contextlib.suppress(OSError, ValueError, AttributeError):
         nowhere = os.open(os.devnull, os.O_WRONLY)
         os.dup2(nowhere, sys.stdout.fileno())
@@ -705,7 +704,7 @@ def _print_warning(message: Warning | str, *_: Any, **__: Any) -> None:
 
 
 def completion_script(parser: argparse.ArgumentParser, shell: str) -> str:
-    """Script by shtab with which a shell completes the command line.
+    """Script by which a shell completes the parser's command line, made by shtab.
 
     Raises:
         WarpchainError: without the package shtab.

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 def add_search_command(
     commands: Any, run: CommandBody, text: str, needs: str, words: str = "STUDY.toml", own: OptionSettings | None = None
 ) -> None:
-    """Adds a command that runs a study in rounds to the command line; its name begins its body's.
+    """Adds a command that runs a study in rounds, named as its body begins.
 
     Args:
         text: its help.
@@ -42,7 +42,7 @@ def add_search_command(
 
 
 def add_optimize_command(commands: Any) -> None:
-    """Adds `warpchain optimize` to the command line."""
+    """Adds `warpchain optimize`, a search in rounds, to the command line."""
     text = "look for the designs that a study's objectives and limits want"
     known = {"metavar": "DIR", "type": Path, "action": "append", "default": []}
     known["help"] = "a study's folder whose rows are not run again where they are asked for (repeatable)"
@@ -63,7 +63,7 @@ def optimize_command(arguments: argparse.Namespace) -> int:
 
 
 def add_risk_command(commands: Any) -> None:
-    """Adds `warpchain risk` to the command line."""
+    """Adds `warpchain risk`, a search in rounds, to the command line."""
     text = "how likely a drive breaks a limit over its noise, and how it most likely does"
     drive = {"metavar": "DRIVE", "nargs": "?"}
     drive["help"] = "drive file or name of an example, beside the study's own as today's design; default that alone"
@@ -87,7 +87,7 @@ def risk_command(arguments: argparse.Namespace) -> int:
 
 
 def _print_recommended(found: Any) -> None:
-    """Prints the designs that a search recommends, and how to play them."""
+    """Prints designs that a search recommends, and how to play them."""
     from warpchain.assembly.summary import check_findings
     from warpchain.drive import load_drive
 
@@ -112,7 +112,7 @@ def _print_recommended(found: Any) -> None:
 
 
 def _print_design(results: Results, name: str, one: RecommendedDesign) -> None:
-    """Prints a design: its reasons, factors, metrics, and what is other than today."""
+    """Prints a search's design: reasons, factors, metrics, changes from today."""
     from warpchain.results.units import quantity_words
     from warpchain.study.report.decision_sections import change_texts
 
@@ -136,7 +136,7 @@ def _print_design(results: Results, name: str, one: RecommendedDesign) -> None:
 
 
 def add_calibrate_command(commands: Any) -> None:
-    """Adds `warpchain calibrate` to the command line."""
+    """Adds `warpchain calibrate`, a search in rounds, to the command line."""
     needs = "[[measured]], whose noise factors are the unknowns"
     text = "what measured values and signals tell of a drive's unknowns"
     add_search_command(commands, calibrate_command, text, needs, "CALIBRATION.toml")

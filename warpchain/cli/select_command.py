@@ -22,19 +22,17 @@ from warpchain.model.power_rating import (
 )
 
 LEAST_TEETH, MOST_TEETH = 9, 150
-"""Fewest and most teeth of a sprocket of `warpchain select`."""
 MOST_RATIO = 10.0
-"""Largest ratio of speeds of a selected chain."""
 CENTER_PITCHES, MOST_PITCHES = 40.0, 80.0
-"""Distance of centers over the pitch where none is given, and the largest (ISO 10823)."""
+"""Distance of centers in pitches by default, and the largest (ISO 10823)."""
 LEAST_WRAP = math.radians(120.0)
-"""Least wrap of the smaller sprocket of a selected chain (ACA) [rad]."""
+"""Least wrap of the smaller sprocket (ACA) [rad]."""
 MOST_SURPLUS = 4.0
-"""Rated over wanted power beyond which a chain's size is not listed."""
+"""Rated over wanted power of a listed size, at most."""
 
 
 class Selection(NamedTuple):
-    """A chain's size that does for a power.
+    """Chain size that does for a power.
 
     Attributes:
         chain: row of the catalog.
@@ -53,7 +51,7 @@ class Selection(NamedTuple):
 
 
 class PowerRequest(NamedTuple):
-    """A power that a chain is selected for.
+    """Power that a chain is selected for.
 
     Attributes:
         power: to pass on [W].
@@ -71,7 +69,7 @@ class PowerRequest(NamedTuple):
 
 
 def select_chain(arguments: Namespace) -> list[str]:
-    """Lines on sizes that do for a power; with an output, also writes the drive file of one.
+    """Lines on chain sizes that do for a power; with an output, writes one's drive file.
 
     Raises:
         DriveError: values out of their range, no size that does, a size that does not, or a file that is there.
@@ -96,7 +94,7 @@ def select_chain(arguments: Namespace) -> list[str]:
 
 
 def _power_request(arguments: Namespace) -> PowerRequest:
-    """Power that `warpchain select`'s arguments ask a chain for."""
+    """Power that `warpchain select`'s arguments ask for."""
     for name in ("power", "speed", "ratio", "service", "centers"):
         value = getattr(arguments, name)
         if value is not None and not (0.0 < value < math.inf):
@@ -114,7 +112,7 @@ def _power_request(arguments: Namespace) -> PowerRequest:
 
 
 def selections(asked: PowerRequest) -> list[Selection]:
-    """Chain sizes that do for a power, by pitch, each with the fewest strands, without the heavy series."""
+    """Chain sizes that do for a power, by pitch, with the fewest strands."""
     found: dict[str, Selection] = {}
     for chain in CHAINS.values():
         series = chain.size.partition("-")[0]
@@ -127,7 +125,7 @@ def selections(asked: PowerRequest) -> list[Selection]:
 
 
 def _selection(asked: PowerRequest, chain: CatalogueChain) -> Selection | None:
-    """A chain's size as a selection; None where too weak or far too strong, or not fit for the centers."""
+    """Chain size as a selection, or None if it does not do."""
     pitch, small = chain.pitch, min(asked.teeth)
     speed = asked.speed * asked.teeth[0] * pitch / math.tau
     rated = rated_power(chain.size, small, asked.speed * asked.teeth[0] / small)
@@ -147,14 +145,14 @@ def _selection(asked: PowerRequest, chain: CatalogueChain) -> Selection | None:
 
 
 def _even_links(centers: float, teeth: tuple[int, int]) -> int:
-    """Even number of links nearest to a distance of centers in pitches (ISO 10823, f_3)."""
+    """Even number of links of a selected chain for a distance of centers in pitches (ISO 10823, f_3)."""
     a, b = teeth
     exact = 2.0 * centers + 0.5 * (a + b) + ((b - a) / math.tau) ** 2 / centers
     return 2 * round(0.5 * exact)
 
 
 def _center_pitches(links: int, teeth: tuple[int, int]) -> float:
-    """Distance of centers in pitches for a number of links, nan for too few."""
+    """Distance of centers of a selected chain in pitches, by links, or nan."""
     a, b = teeth
     free, turned = links - 0.5 * (a + b), (b - a) / math.tau
     square = free * free - 8.0 * turned * turned
@@ -162,7 +160,7 @@ def _center_pitches(links: int, teeth: tuple[int, int]) -> float:
 
 
 def _selection_lines(asked: PowerRequest, found: list[Selection]) -> list[str]:
-    """Table of the chain sizes that do for a power, and what it means, as lines."""
+    """Lines of a table of selected chain sizes, and what it means."""
     design = asked.service * asked.power
     rows: list[tuple[str, ...]] = []
     for one in found:
@@ -199,7 +197,7 @@ def _selection_lines(asked: PowerRequest, found: list[Selection]) -> list[str]:
 
 
 def _write_selection(asked: PowerRequest, one: Selection, arguments: Namespace) -> list[str]:
-    """Writes the drive file of a selection; returns lines to print."""
+    """Writes a selection's drive file; returns lines to print."""
     torque = asked.power / (asked.speed * asked.teeth[0] / asked.teeth[1])
     wanted = one.centers if asked.centers is None else asked.centers
     request = DriveRequest(one.chain, asked.teeth, ((0.0, 0.0), (wanted, 0.0)), asked.speed, float(f"{torque:.6g}"))

@@ -13,11 +13,11 @@ from typing import Any
 from warpchain.argument_checks import MOST_WORKERS
 
 CommandBody = Callable[[argparse.Namespace], int]
-"""Function of a command, from parsed arguments to exit status."""
+"""Function of a command, from arguments to exit status."""
 
 
 def add_command(commands: Any, name: str, run: CommandBody | None, text: str, example: str) -> Any:
-    """Adds a command to the command line and returns its parser.
+    """Adds a command to the command line; returns its parser for options.
 
     Args:
         run: its body; None where commands below it have theirs.
@@ -47,7 +47,7 @@ def load_plugins_of_arguments(arguments: argparse.Namespace) -> None:
 
 
 def number_from_word(word: str) -> float:
-    """A number from a word of the command line.
+    """Number from an option's word.
 
     Raises:
         argparse.ArgumentTypeError: in one line, as of all words here.
@@ -59,7 +59,7 @@ def number_from_word(word: str) -> float:
 
 
 def _quantity_from_word(word: str, unit: str, units: str) -> float:
-    """A number in `unit` from a word, or a quantity such as 3000rpm; else an error names `units`."""
+    """Number in `unit` from an option's word such as 3000rpm; an error names `units`."""
     from warpchain.drive.quantities import converted_number
 
     value = converted_number(word, unit)
@@ -73,27 +73,27 @@ def _quantity_from_word(word: str, unit: str, units: str) -> float:
 
 
 def angular_speed_from_word(word: str) -> float:
-    """An angular speed [rad/s] from a number, or a quantity such as 3000rpm."""
+    """Angular speed [rad/s] from an option's word: a number, or 3000rpm."""
     return _quantity_from_word(word, "rad/s", "rad/s or rpm")
 
 
 def power_from_word(word: str) -> float:
-    """A power [W] from a number, or a quantity such as 7.5kW."""
+    """Power [W] from an option's word: a number, or 7.5kW."""
     return _quantity_from_word(word, "W", "W, kW or hp")
 
 
 def length_from_word(word: str) -> float:
-    """A length [m] from a number, or a quantity such as 800mm."""
+    """Length [m] from an option's word: a number, or 800mm."""
     return _quantity_from_word(word, "m", "m, mm or in")
 
 
 def time_from_word(word: str) -> float:
-    """A time [s] from a number, or a quantity such as 200ms."""
+    """Time [s] from an option's word: a number, or 200ms."""
     return _quantity_from_word(word, "s", "s or ms")
 
 
 def service_factor_from_word(word: str) -> float:
-    """A service factor from a word: a number, or LOAD or LOAD,SOURCE of makers' tables."""
+    """Service factor from an option's word: a number, or LOAD or LOAD,SOURCE of makers' tables."""
     from warpchain.model.power_rating import SERVICE_FACTORS
 
     load, _, source = word.partition(",")
@@ -108,22 +108,22 @@ def service_factor_from_word(word: str) -> float:
 
 
 def number_or_auto_from_word(word: str) -> float | str:
-    """A number from a word, or the word "auto"."""
+    """Number from an option's word, or "auto"."""
     return word if word == "auto" else number_from_word(word)
 
 
 def page_path_from_word(word: str) -> Path:
-    """Path of an HTML page (.html, .htm) from a word."""
+    """Path of an HTML page (.html, .htm) from an option's word."""
     return _path_with_ending(word, ".html", ".htm")
 
 
 def archive_path_from_word(word: str) -> Path:
-    """Path of an archive (.mcap) from a word."""
+    """Path of an archive (.mcap) from an option's word."""
     return _path_with_ending(word, ".mcap")
 
 
 def _path_with_ending(word: str, *endings: str) -> Path:
-    """Path from a word that must have one of these endings."""
+    """Path from an option's word with one of these endings."""
     path = Path(word)
     if path.suffix.lower() not in endings:
         raise argparse.ArgumentTypeError(f"{word!r}: must end in {', '.join(endings)}")
@@ -131,7 +131,7 @@ def _path_with_ending(word: str, *endings: str) -> Path:
 
 
 def bytes_from_gibibytes(word: str) -> int:
-    """Memory budget in bytes from a word in GiB."""
+    """Memory budget [bytes] from an option's word in GiB."""
     gib = number_from_word(word)
     if not (math.isfinite(gib * 2**30) and gib > 0.0):
         raise argparse.ArgumentTypeError(f"{word!r}: must be a finite number above 0 (GiB)")
@@ -139,7 +139,7 @@ def bytes_from_gibibytes(word: str) -> int:
 
 
 def bytes_from_mebibytes(word: str) -> int:
-    """Size in bytes from a word in MiB."""
+    """Size [bytes] from an option's word in MiB."""
     mib = number_from_word(word)
     if not (math.isfinite(mib * 2**20) and mib * 2**20 >= 1.0):
         raise argparse.ArgumentTypeError(f"{word!r}: must be a finite number above 0 (MiB)")
@@ -147,21 +147,21 @@ def bytes_from_mebibytes(word: str) -> int:
 
 
 def whole_number_from_word(word: str) -> int:
-    """A whole number above 0 from a word."""
+    """Whole number above 0 from an option's word."""
     if not (word.isdecimal() and int(word) > 0):
         raise argparse.ArgumentTypeError(f"{word!r}: must be a whole number above 0")
     return int(word)
 
 
 def workers_from_word(word: str) -> int:
-    """A number of worker threads from a word."""
+    """Number of worker threads from an option's word."""
     if not (word.isdecimal() and 1 <= int(word) <= MOST_WORKERS):
         raise argparse.ArgumentTypeError(f"{word!r}: must be a whole number from 1 to {MOST_WORKERS}")
     return int(word)
 
 
 def shard_part_from_word(word: str) -> tuple[int, int]:
-    """I/N as (I, N), 0 <= I < N, for a part of a study's shards."""
+    """Part (I, N) of a study's shards from an option's word I/N."""
     first, _, parts = word.partition("/")
     if not (first.isdecimal() and parts.isdecimal() and int(first) < int(parts)):
         raise argparse.ArgumentTypeError(f"{word!r}: must be I/N, whole numbers with 0 <= I < N")
@@ -169,7 +169,7 @@ def shard_part_from_word(word: str) -> tuple[int, int]:
 
 
 def precision_from_word(word: str) -> tuple[str, float]:
-    """METRIC=VALUE as the metric's name and a positive number."""
+    """Metric and positive number from an option's word METRIC=VALUE."""
     name, mark, value = word.partition("=")
     if not mark or not name.strip() or not (math.isfinite(number_from_word(value)) and number_from_word(value) > 0.0):
         raise argparse.ArgumentTypeError(f"{word!r}: must be METRIC=VALUE, a metric and a number above 0")
@@ -177,7 +177,7 @@ def precision_from_word(word: str) -> tuple[str, float]:
 
 
 def woehler_curve_from_word(word: str) -> tuple[float, ...]:
-    """M,RANGE,CYCLES of a Woehler curve as three numbers."""
+    """Three numbers of a Woehler curve from an option's word M,RANGE,CYCLES."""
     try:
         values = tuple(float(value) for value in word.split(","))
     except ValueError:
@@ -213,11 +213,11 @@ SHARED_OPTIONS: OptionSettings = {
         "help": "tension at the red end of the colors, or breaking; default 99.9 %% of it in the run's latter half",
     },
 }
-"""Arguments that several commands share, as `add_argument` takes them."""
+"""Options that several commands share, as `add_argument` takes them."""
 
 
 def add_shared_options(parser: Any, *names: str) -> None:
-    """Adds arguments of `SHARED_OPTIONS` to a parser."""
+    """Adds options of `SHARED_OPTIONS` to a parser."""
     for name in names:
         parser.add_argument(name, **SHARED_OPTIONS[name])
 
@@ -228,20 +228,20 @@ def add_run_options(parser: Any) -> None:
 
 
 def run_options_from_arguments(arguments: argparse.Namespace) -> dict[str, Any]:
-    """Threads, memory and progress, as functions that run variants take them."""
+    """Threads, memory and progress, by name, from a command's arguments."""
     return {"workers": arguments.workers, "memory": arguments.memory, "progress": not arguments.quiet}
 
 
 def status_printer(arguments: argparse.Namespace) -> Callable[[str], None] | None:
-    """Function that prints a line on standard error; None with --quiet."""
+    """Function that prints a line on standard error, or None with the option --quiet."""
     return None if arguments.quiet else lambda line: print(f"warpchain: {line}", file=sys.stderr)
 
 
 def message_with_options(message: str, arguments: argparse.Namespace) -> str:
-    """An error's message with the command's options, or a study's keys, in place of Python's arguments."""
+    """Message of an error that names a command's options, not Python's arguments."""
 
     def option_text(found: re.Match[str]) -> str:
-        """Option of the command line for an argument in an error's message."""
+        """Option of the command line for an argument in a message."""
         name, value = found["name"], found["value"] or ""
         if hasattr(arguments, name):
             option = f"--{name.replace('_', '-')}"

@@ -16,7 +16,7 @@ SIGNAL_ENDINGS = (".png", ".svg", ".rrd", ".json")
 
 
 def compare_signal(arguments: argparse.Namespace) -> list[str]:
-    """Compares a measured signal with a run, writes what was asked for, and returns the lines to print."""
+    """Compares a measured signal with a run, writes what was asked for; returns lines to print."""
     from warpchain.results.measured import compare_signals, signal_source
     from warpchain.results.measured_columns import MeasuredColumns
     from warpchain.results.measured_file import read_signal
@@ -39,7 +39,7 @@ def compare_signal(arguments: argparse.Namespace) -> list[str]:
 
 
 def _time_offset_from_word(word: str) -> float | None:
-    """The offset of --offset [s]; None for "auto"."""
+    """Time offset [s] of a measured signal from a word of --offset, None for "auto"."""
     from warpchain.results.measured_file import LATEST_TIME
 
     if word == "auto":
@@ -53,7 +53,7 @@ def _time_offset_from_word(word: str) -> float | None:
 
 
 def _comparison_lines(found: SignalComparison) -> list[str]:
-    """Lines of a table of simulated and measured statistics and orders."""
+    """Lines of a table of a signal's simulated and measured statistics and orders."""
     from warpchain.results.units import display_unit
 
     measured = found.measured
@@ -71,7 +71,7 @@ def _comparison_lines(found: SignalComparison) -> list[str]:
 
 
 def _write_comparison(path: Path, arguments: argparse.Namespace, one: Any, found: SignalComparison) -> None:
-    """Writes a measured signal's comparison as figure, JSON or Rerun recording, by the path's ending."""
+    """Writes a measured signal's comparison as figure, JSON or Rerun recording, by ending."""
     if path.suffix == ".rrd":
         from warpchain.view.rerun import view
 
@@ -88,7 +88,7 @@ def _write_comparison(path: Path, arguments: argparse.Namespace, one: Any, found
 
 
 def _comparison_json(found: SignalComparison) -> dict[str, Any]:
-    """A measured signal's comparison for JSON, in SI units."""
+    """Values of a measured signal's comparison for JSON, in SI units."""
     pair = ("simulated", "measured")
     return {
         "name": found.measured.name,

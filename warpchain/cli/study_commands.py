@@ -32,9 +32,7 @@ if TYPE_CHECKING:
     from warpchain.study.results import Results
 
 SHARDS_A_WORKER = 2
-"""Fewest shards of a new study for each worker of a cluster."""
 TABLE_NAMES = ("results.parquet", "results.csv")
-"""Names of a study's table in its folder."""
 
 
 def add_study_commands(commands: Any) -> None:
@@ -130,7 +128,7 @@ def study_run_command(arguments: argparse.Namespace) -> int:
 
 @contextmanager
 def _study_executor(scheduler: str | None) -> Iterator[tuple[Any, int]]:
-    """The executor that a study runs on, None for this process, and its least number of shards."""
+    """Context with the executor that runs a study, or None, and its least number of shards."""
     if scheduler is None:
         yield None, 1
         return
@@ -173,7 +171,7 @@ def study_grow_command(arguments: argparse.Namespace) -> int:
     until = Until.of(arguments.until)
 
     def print_growth(now: GrowthState) -> None:
-        """Prints how far the growth of a study is."""
+        """Prints how far a study's growth is."""
         if not arguments.quiet:
             of = f" ({now.metric} over {now.factor})" if now.factor else ""
             print(f"{now.rows} variants: largest standard error of main effects {until.error_text(now.error)}{of}")
@@ -269,7 +267,7 @@ def add_report_commands(commands: Any) -> None:
 
 
 def _add_table_command(commands: Any, name: str, run: CommandBody, text: str, example: str) -> Any:
-    """Adds a command on a study's table to the command line and returns its parser."""
+    """Adds a command on a study's table; returns its parser."""
     line = f"warpchain study {name} {example} --minimize tension_max --minimize tension_std"
     parser = add_command(commands, name, run, text, line)
     parser.add_argument("study", metavar="DIR", type=Path, help="a study's folder, or its table (.parquet, .csv)")
@@ -316,7 +314,7 @@ def study_report_command(arguments: argparse.Namespace) -> int:
 
 
 def _write_risk_report(arguments: argparse.Namespace, results: Results) -> int:
-    """Writes the page on a folder of `warpchain risk`; returns the exit status."""
+    """Writes the report of a `warpchain risk` study; returns the exit status."""
     from warpchain.study.optimize.risk import read_risk
     from warpchain.study.report.risk_page import write_risk_page
     from warpchain.study.results import export_table
@@ -352,7 +350,7 @@ def study_view_command(arguments: argparse.Namespace) -> int:
 
 
 def _read_study_table(arguments: argparse.Namespace) -> tuple[Path, Results]:
-    """Path and results of the study that the arguments name."""
+    """Path and results of the study that arguments name."""
     from warpchain.study.results import read_results
 
     path = study_table_path(arguments.study)
@@ -360,7 +358,7 @@ def _read_study_table(arguments: argparse.Namespace) -> tuple[Path, Results]:
 
 
 def _study_of_folder(folder: Path) -> Any:
-    """The study file of a folder; None where there is none."""
+    """Study of a folder's study file, or None."""
     from warpchain.study.spec import load_study
 
     try:
@@ -370,7 +368,7 @@ def _study_of_folder(folder: Path) -> Any:
 
 
 def _wanted_of_folder(source: Path) -> Any:
-    """Objectives and limits of the study in a folder, for its report; None of a table alone."""
+    """Goals of a folder's study for its report, or None of a table alone."""
     from warpchain.study.report.decision_sections import ReportGoals
     from warpchain.study.spec.noise_table import Noise
     from warpchain.view.recorded_variants import DRIVE_CHANNELS
@@ -385,13 +383,13 @@ def _wanted_of_folder(source: Path) -> Any:
 
 
 def _asked_objectives(arguments: argparse.Namespace) -> dict[str, str] | None:
-    """Objectives of --minimize and --maximize with their senses; None without."""
+    """Objectives of a study command's --minimize and --maximize with senses, or None."""
     found = dict.fromkeys(arguments.minimize, "min") | dict.fromkeys(arguments.maximize, "max")
     return found or None
 
 
 def study_table_path(source: Path) -> Path:
-    """Path of the table of a study's folder, or the file itself; an unfinished study's is made of what is done.
+    """Path of the table of a study's folder, made of what is done if unfinished, or the file itself.
 
     Raises:
         StudyError: a folder without a table.
@@ -409,7 +407,7 @@ def study_table_path(source: Path) -> Path:
 
 
 def study_setting_words(folder: Path) -> dict[str, str]:
-    """Name, design and run of a folder's study file, in words by heading; {} without one."""
+    """Texts of name, design and run of a folder's study file, by heading."""
     from warpchain.drive.toml import value_text
     from warpchain.study.spec.study_tables import fields_from_file
 

@@ -18,14 +18,14 @@ if TYPE_CHECKING:
 
 FIGURE_ENDINGS, TABLE_ENDINGS = (".png", ".svg"), (".csv", ".parquet")
 SWEEP_RANGES = {"frequency": (1.0, 500.0), "temperature": (20.0, 140.0)}
-"""Default ranges of a tensioner's sweeps [Hz], [degrees C]."""
+"""Default ranges of sweeps [Hz], [degrees C]."""
 MOST_POINTS = 1000
 COLDEST, HOTTEST = -60.0, 300.0
-"""Temperatures [degrees C] between which a tensioner's oil follows the law of viscosity."""
+"""Temperatures [degrees C] for which the law of viscosity holds."""
 
 
 def tensioner_lines(drive: Drive, arguments: argparse.Namespace) -> list[str]:
-    """Rides a tensioner as asked, writes what was asked for, and returns the lines to print."""
+    """Rides a tensioner as asked, writes what was asked for; returns lines to print."""
     path: Path | None = arguments.output
     if path is not None and path.suffix not in FIGURE_ENDINGS + TABLE_ENDINGS:
         raise WarpchainError(f"-o {path}: must end in {', '.join(FIGURE_ENDINGS + TABLE_ENDINGS)}")
@@ -40,7 +40,7 @@ def tensioner_lines(drive: Drive, arguments: argparse.Namespace) -> list[str]:
 
 
 def _ride_sines(drive: Drive, arguments: argparse.Namespace) -> list[str]:
-    """Rides a tensioner at each frequency and viscosity; returns lines on the last cycles."""
+    """Rides a tensioner at each frequency and viscosity; returns lines on last cycles."""
     shakes = _asked_shakes(arguments, arguments.frequency, arguments.viscosity or [None])
     path = arguments.output
     if path is not None and path.suffix in TABLE_ENDINGS and len(shakes) > 1:
@@ -64,7 +64,7 @@ def _ride_sines(drive: Drive, arguments: argparse.Namespace) -> list[str]:
 
 
 def _ride_sweep(drive: Drive, arguments: argparse.Namespace) -> list[str]:
-    """Rides a tensioner over frequency or temperature; returns a line for each ride."""
+    """Rides a tensioner over frequency or temperature; returns a line a ride."""
     import numpy as np
 
     over_temperature = arguments.sweep == "temperature"
@@ -108,7 +108,7 @@ def _ride_sweep(drive: Drive, arguments: argparse.Namespace) -> list[str]:
 def _asked_shakes(
     arguments: argparse.Namespace, frequencies: Sequence[float], viscosities: Sequence[float | None]
 ) -> list[PlungerMotion]:
-    """Motions of a tensioner's plunger, every frequency with every viscosity; None is the drive's own oil."""
+    """Motions of a tensioner's plunger: every frequency with every viscosity."""
     from warpchain.engine.tensioner_bench import PlungerMotion
 
     return [
@@ -119,7 +119,7 @@ def _asked_shakes(
 
 
 def _sweep_range(arguments: argparse.Namespace) -> tuple[float, float]:
-    """Range of a tensioner's sweep [Hz], [degrees C], of --range or the default."""
+    """Range of a tensioner's sweep [Hz], [degrees C], asked for or default."""
     low, high = arguments.range or SWEEP_RANGES[arguments.sweep]
     bottom, top = (0.0, math.inf) if arguments.sweep == "frequency" else (COLDEST, HOTTEST)
     if not bottom < low < high < top:
@@ -153,19 +153,19 @@ def _oil_viscosities(drive: Drive, arguments: argparse.Namespace, temperatures: 
 def _ride_tensioner(
     drive: Drive, arguments: argparse.Namespace, shakes: list[PlungerMotion], samples: bool
 ) -> RideTables:
-    """Rides a tensioner through sines, with a bar where there are many."""
+    """Tables of a tensioner's rides through sines, with a bar for many."""
     from warpchain.engine.tensioner_bench import shake_tensioner
 
     return shake_tensioner(drive, arguments.name, shakes, arguments.cycles, samples, progress=len(shakes) > 4)
 
 
 def _oil_text(viscosity: float | None) -> str:
-    """A tensioner oil's viscosity in words; None is the drive's oil."""
+    """Text of a tensioner oil's viscosity, None the drive's."""
     return "the drive's oil" if viscosity is None else f"{1e6 * viscosity:.4g} mm\N{SUPERSCRIPT TWO}/s"
 
 
 def _ride_label(row: dict[str, Any], shakes: Sequence[PlungerMotion]) -> str:
-    """A tensioner ride's label among others, by frequency and oil."""
+    """Label of a tensioner's ride: frequency and oil."""
     words = []
     if len({one.frequency for one in shakes}) > 1:
         words.append(f"{row['frequency']:g} Hz")
@@ -175,13 +175,13 @@ def _ride_label(row: dict[str, Any], shakes: Sequence[PlungerMotion]) -> str:
 
 
 def _figure_title(arguments: argparse.Namespace) -> str:
-    """Title of a tensioner's figure; a dollar in a name begins no formula."""
+    """Title of a tensioner's figure."""
     name = arguments.name.replace("$", r"\$")
     return f"{name}: \N{PLUS-MINUS SIGN}{1e3 * arguments.amplitude:g} mm"
 
 
 def _common_conditions_text(rides: pa.Table) -> str:
-    """Frequency and oil that all rides of a tensioner have in common, for a title."""
+    """Text of frequency and oil that all rides of a tensioner share."""
     found = {name: set(rides[name].to_pylist()) for name in ("frequency", "viscosity")}
     said = f" at {found['frequency'].pop():g} Hz" if len(found["frequency"]) == 1 else ""
     viscosity = found["viscosity"].pop() if len(found["viscosity"]) == 1 else math.nan
@@ -189,7 +189,7 @@ def _common_conditions_text(rides: pa.Table) -> str:
 
 
 def _ride_lines(row: dict[str, Any], cycles: int) -> list[str]:
-    """Lines on a tensioner ride's last cycle: force, pressure, valve."""
+    """Lines on the last cycle of a tensioner's ride: force, pressure, valve."""
     head = f"{row['frequency']:g} Hz, {1e3 * row['amplitude']:g} mm about {1e3 * row['extension']:g} mm"
     oil = not math.isnan(row["viscosity"])
     lines = [
@@ -208,7 +208,7 @@ def _ride_lines(row: dict[str, Any], cycles: int) -> list[str]:
 
 
 def _sweep_lines(label: str, x: Sequence[float], axis: str, table: pa.Table, named: bool) -> list[str]:
-    """Lines of a table of a tensioner sweep's rides."""
+    """Lines of a table of a tensioner's sweep."""
     head = "       Hz" if "Hz" in axis else "        C"
     lines = [label] if named else []
     lines.append(f"{head}   mm^2/s   force [N]           pressure [bar]    work [J]  leaked [mm^3]")
@@ -222,7 +222,7 @@ def _sweep_lines(label: str, x: Sequence[float], axis: str, table: pa.Table, nam
 
 
 def _add_temperature_column(rides: pa.Table, temperatures: Sequence[float], curves: int) -> pa.Table:
-    """A tensioner's table of rides with their temperatures as first column."""
+    """Table of a tensioner's rides with temperatures as first column."""
     import numpy as np
     import pyarrow as pa
 

@@ -14,15 +14,14 @@ if TYPE_CHECKING:
     from warpchain.drive import Drive
 
 WARMED_EXAMPLES = ("marine", "balance_shafts", "transfer_case")
-"""Examples whose kernels are those of all drives on a CPU up to `MOST_LINKS`: of one chain, of several, and silent."""
+"""Examples with the kernels of all drives on a CPU up to `MOST_LINKS`."""
 MOST_LINKS = 231
-"""Links of the longest chain with these kernels."""
 SHORT_RUN = 1e-4
-"""Simulated time of the runs that compile kernels [s]."""
+"""Time simulated to compile kernels [s]."""
 
 
 def warm_lines(arguments: Namespace) -> Iterator[str]:
-    """Compiles the kernels of drives that the arguments name, one after the other; yields lines to print.
+    """Compiles the kernels of drives that arguments name; yields lines to print.
 
     Raises:
         WarpchainError: a drive that cannot run, or an unknown device.
@@ -41,7 +40,7 @@ def warm_lines(arguments: Namespace) -> Iterator[str]:
 
 
 def _compile_kernels(drive: Drive, arguments: Namespace) -> bool:
-    """Runs a drive for a moment, which compiles the kernels of its runs; returns whether any were compiled."""
+    """Warms a drive by a short run that compiles kernels; returns whether any were compiled."""
     from warpchain.engine.simulation import simulate
     from warpchain.results.run import Record
 
@@ -50,7 +49,7 @@ def _compile_kernels(drive: Drive, arguments: Namespace) -> bool:
         warnings.simplefilter("ignore")  # such a run is too short for metrics
 
         def report_compilation(phase: str, done: float, total: float) -> None:
-            """Reports compilation, and no other phase."""
+            """Reports compilation while warming, and no other phase."""
             phases.add(phase)
             if phase == COMPILING:
                 report(phase, done, total)

@@ -1,11 +1,6 @@
-r"""Campbell diagram of a drive's modes over its speed, and modes followed over the variants of a study.
+r"""Campbell diagram of a drive's modes over its speed, and modes followed over the variants of a study (docs/modes.md).
 
 Modes of neighboring states are matched one to one by modal assurance, |a* M b|^2 / (a* M a)(b* M b).
-
-A strand whose tension swings by the share e at the tooth frequency f_t runs away near f_t = 2 f_n where, to first order
-(Mathieu),
-
-    e > 4 zeta,    |f_t / (2 f_n) - 1| < sqrt(e^2 / 16 - zeta^2).
 """
 
 from __future__ import annotations
@@ -29,12 +24,9 @@ from warpchain.modal.small_motion import DriveMotion, drive_motion
 from warpchain.progress import Progress, progress_reporter
 
 SPARE_MODES = 10
-"""Modes found beyond those asked for."""
 LEAST_ASSURANCE = 0.35
-"""Least modal assurance of a mode at neighboring speeds."""
 
 MOST_PHASES, MOST_POINTS = 1000, 10_000
-"""Most phases and most speeds of a Campbell diagram."""
 PhaseCount = Annotated[int, AllowedRange(f"a whole number from 1 to {MOST_PHASES}", lambda n: 1 <= n <= MOST_PHASES)]
 
 
@@ -51,7 +43,7 @@ class OrderCrossing:
 
 @dataclass(frozen=True)
 class InstabilityTongue:
-    """Speed of the driver at which a mode may run away."""
+    """Instability tongue: speed at which a mode may run away."""
 
     mode: str
     speed: float  # of the driver [rad/s]
@@ -99,7 +91,7 @@ class Campbell:
         return sorted(found, key=lambda tongue: tongue.speed)
 
     def _crossings_of_order(self, order: float, multiple: float) -> list[tuple[int, float, float, float]]:
-        """Mode, speed, frequency and damping at crossings."""
+        """Mode, speed [rad/s], frequency [Hz] and damping at crossings of an order."""
         gap = multiple * self.frequency - order * self.speed[:, None] / (2.0 * np.pi)
         result = []
         for p, k in zip(*np.nonzero((gap[:-1] > 0.0) != (gap[1:] > 0.0)), strict=True):
@@ -160,7 +152,7 @@ def campbell(
 
 
 def followed_modes(before: Modes, after: Modes, which: NDArray[np.int64], at: DriveMotion) -> NDArray[np.int64]:
-    """Indices (K,) of modes at the next speed, or -1."""
+    """Indices (K,) of modes followed to the next speed, or -1."""
     kept = np.flatnonzero(which >= 0)
     result = np.full(len(which), -1)
     result[kept] = matched_modes(before.select_modes(which[kept]), after, at)
@@ -168,7 +160,7 @@ def followed_modes(before: Modes, after: Modes, which: NDArray[np.int64], at: Dr
 
 
 def matched_modes(these: Modes, those: Modes, at: DriveMotion) -> NDArray[np.int64]:
-    """Indices (K,) of modes most alike, or -1."""
+    """Indices (K,) of those modes that are most alike, or -1."""
     alike = modal_assurance(these, those, at)
     rows, columns = linear_sum_assignment(-alike)
     result = np.full(len(these), -1)
@@ -178,7 +170,7 @@ def matched_modes(these: Modes, those: Modes, at: DriveMotion) -> NDArray[np.int
 
 
 def modal_assurance(a: Modes, b: Modes, at: DriveMotion) -> Array:
-    """Modal assurance (K, L) between modes."""
+    """Modal assurance (K, L) between modes at two speeds."""
     product, size = np.zeros((len(a), len(b)), dtype=np.complex128), [np.zeros(len(a)), np.zeros(len(b))]
     for part, *both in zip(at.parts, a.of_chains(), b.of_chains(), strict=True):
         first, second = (part.at.coordinate_vector(modes.shape, modes.bodies) for modes in both)
@@ -198,7 +190,7 @@ def base_drive_modes(drive: Drive, count: int) -> Modes:
 
 
 def mode_metrics(base: Modes, drive: Drive) -> dict[str, float]:
-    """Metrics of a study variant's modes, `modes.NAME.frequency` [Hz]."""
+    """Metrics of a variant's modes by name, matched with the base drive's [Hz]."""
     try:
         found = drive_motion(drive)
     except SimulationError:
@@ -225,9 +217,7 @@ def pitch_averaged_campbell(
     *,
     progress: Progress = False,
 ) -> tuple[Campbell, Array]:
-    """Campbell diagram averaged over a tooth pitch, and all frequencies (phases, P, K).
-
-    Averaged is omega^2.
+    """Campbell diagram averaged over a tooth pitch, and frequencies (phases, P, K).
 
     Args:
         speeds, count: as of `campbell`.

@@ -2,8 +2,7 @@ r"""Modes of a drive by the eigenvalues of its small motion: frequency, damping 
 
     (s^2 M + s (C + G) + K) x = 0,    s = -zeta omega +- i omega sqrt(1 - zeta^2),
 
-K the stiffness (`assembly.potential`, (b)), C the damping, G the travel of strands: with f rollers passing a second, 2
-f (x_{i+1} - x_{i-1}) / 2, as of a string m_l w'' + 2 v m_l D1 w' - (T - m_l v^2) D2 w.
+K the stiffness, C the damping, G the travel of strands (docs/modes.md).
 """
 
 from __future__ import annotations
@@ -33,17 +32,14 @@ from warpchain.progress import Progress, interruptible_work, progress_reporter
 
 PartEnergy = tuple[str, Array]
 SMALL_PENCIL = 120
-"""Most coordinates of a pencil whose eigenvalues are all computed."""
 EIGENVALUE_SHIFT = 1e-2
-"""Shift about which eigenvalues are sought."""
 INFINITE_EIGENVALUE = 1e-9
-"""Inverse of an infinite eigenvalue, at most."""
 
 
 def eigenpairs(
     mass: sp.csc_array, damping: sp.csc_array, stiffness: sp.csc_array, wanted: int, unit: float
 ) -> tuple[NDArray[np.complex128], NDArray[np.complex128]]:
-    """Eigenvalues (K,) [1/s] of a pencil, and eigenvectors (n, K).
+    """Eigenvalues (K,) [1/s], ascending by size, and eigenvectors (n, K).
 
     Args:
         unit: a frequency of the size of those wanted [rad/s].
@@ -65,27 +61,27 @@ def eigenpairs(
 
 
 def _nearest_eigenpairs(m: sp.csc_array, c: sp.csc_array, k: sp.csc_array, count: int) -> tuple[Array, Array]:
-    """Eigenvalues and eigenvectors by Arnoldi's method."""
+    """Eigenvalues and eigenvectors nearest to 0, by Arnoldi's method."""
     n = m.shape[0]
     factor = splu((k + EIGENVALUE_SHIFT * c + EIGENVALUE_SHIFT**2 * m).tocsc())
     drag = (c + EIGENVALUE_SHIFT * m).tocsr()
 
-    def apply(vector: Array) -> Array:
-        """The shifted, inverted pencil times a vector (2 n,)."""
+    def apply_inverse(vector: Array) -> Array:
+        """Vector (2 n,) times the shifted, inverted pencil."""
         first, second = vector[:n], m @ vector[n:]
         x = -factor.solve(second + drag @ first)
         return np.concatenate([x, first + EIGENVALUE_SHIFT * x])
 
-    inverse = LinearOperator((2 * n, 2 * n), matvec=apply, dtype=np.float64)
+    inverse = LinearOperator((2 * n, 2 * n), matvec=apply_inverse, dtype=np.float64)
     start = np.random.default_rng(0).standard_normal(2 * n)
     value, vector = eigs(inverse, k=count, v0=start, ncv=min(2 * n - 1, max(3 * count, 60)), maxiter=2000)
     return EIGENVALUE_SHIFT + 1.0 / value, vector
 
 
 ZERO_FREQUENCY = 1e-5
-"""Frequency over sqrt(k / m) that counts as zero."""
+"""Frequency that counts as zero, over sqrt(k / m)."""
 RESTORING_STIFFNESS = 1e-7
-"""Least stiffness over a link's that restores."""
+"""Least stiffness that restores, over a link's."""
 
 
 @dataclass(frozen=True)
@@ -115,7 +111,7 @@ class Modes:
         growing: (U,) growth rates of motions without swinging [1/s].
         creeping: (O,) decay rates of motions without swinging [1/s].
         standing: lines on how arms and tensioners stand.
-        chain: the one chain of the drive whose parts these are; None where they are the whole drive's.
+        chain: the one chain whose parts these are; None where they are the whole drive's.
     """
 
     drive: Drive
@@ -143,7 +139,7 @@ class Modes:
 
     @property
     def model(self) -> ChainModel:
-        """The model of the one chain whose modes these are.
+        """Model of the one chain whose modes these are.
 
         Raises:
             DriveError: of a drive of several.
@@ -157,7 +153,7 @@ class Modes:
 
     @property
     def damping_ratio(self) -> Array:
-        """(K,) damping ratios zeta of the modes."""
+        """Damping ratios zeta (K,) of the modes."""
         return -self.eigenvalue.real / np.abs(self.eigenvalue)
 
     def __len__(self) -> int:
@@ -165,12 +161,12 @@ class Modes:
 
     @check_arguments(SimulationError)
     def first(self, count: Count) -> Modes:
-        """The lowest `count` of the modes."""
+        """Lowest `count` of the modes."""
         return self.select_modes(np.arange(min(count, len(self))))
 
     @check_arguments(SimulationError)
     def select_modes(self, which: Sequence[Index] | NDArray[np.integer]) -> Modes:
-        """The modes at these indices.
+        """Modes at given indices.
 
         Raises:
             SimulationError: an index past the last mode.
@@ -182,7 +178,7 @@ class Modes:
         return replace(self, **kept, names=tuple(self.names[k] for k in which))
 
     def of_chains(self) -> tuple[Modes, ...]:
-        """Modes of the parts of each chain."""
+        """Modes of the drive with each chain's parts alone."""
         found, first, model = [], 0, Model(self.drive)
         for chain in model.chains:
             rollers = slice(first, first + chain.links)
@@ -195,7 +191,7 @@ class Modes:
         return tuple(found)
 
     def arrays(self) -> dict[str, NDArray[Any]]:
-        """All arrays of the modes by field name."""
+        """Arrays of the modes, by field name."""
         others = ("parts", "position", "placed", "tension", "growing", "creeping")
         tensioned = MODE_FIELDS if self.drive.tensioners else MOTION_FIELDS
         result = {name: np.asarray(getattr(self, name)) for name in (*tensioned, *others)}
@@ -205,7 +201,6 @@ class Modes:
 MOTION_FIELDS = ("eigenvalue", "names", "participation", "across", "shape", "bodies")
 TENSIONER_FIELDS = ("stroke", "pressure", "stored", "lost")
 MODE_FIELDS = (*MOTION_FIELDS, *TENSIONER_FIELDS)
-"""Fields of `Modes` that have a row for each mode."""
 
 
 @overload
@@ -278,7 +273,7 @@ def _modes_at_speed(drive: Drive, count: int, speed: float, valve: str) -> Modes
 
 
 def _move_carried_bodies(found: ChainMotion, bodies: NDArray[Any]) -> None:
-    """Moves carried arms and sprockets along in modes."""
+    """Moves arms and sprockets along with what carries them in modes."""
     model, placed = found.model, found.state.bodies[0]
     first = model.first_arm_body
     on = {first + a: model.parent(a) for a in range(len(model.arms))}
@@ -290,7 +285,7 @@ def _move_carried_bodies(found: ChainMotion, bodies: NDArray[Any]) -> None:
 
 
 def lowest_modes(found: DriveMotion, count: int) -> Modes:
-    """Lowest modes of a drive, by its small motion."""
+    """Lowest modes of a drive from its small motion."""
     stiff = max(float(part.packed.chains["stiffness"][0]) / part.at.mass for part in found.parts)
     unit, wanted = np.sqrt(stiff) / max(part.at.rollers for part in found.parts), count
     every, groups = found.mass.shape[0], free_rotations(found)
@@ -334,7 +329,7 @@ def lowest_modes(found: DriveMotion, count: int) -> Modes:
 def _chain_motions(
     found: DriveMotion, vector: NDArray[np.complex128]
 ) -> list[tuple[ChainMotion, NDArray[np.complex128], PlungerMotion]]:
-    """Each chain's small motion, eigenvectors and plungers."""
+    """Small motion, eigenvectors and plungers of each chain."""
     works = (found.stiffness, found.damping)
     stiff, drag = (np.einsum("ij,ij->j", vector.conj(), matrix @ vector).real for matrix in works)
     own = [tie @ vector if len(found.parts) > 1 else vector for tie in found.ties]
@@ -342,7 +337,7 @@ def _chain_motions(
 
 
 def _mode_shapes(found: DriveMotion, vector: NDArray[np.complex128]) -> dict[str, Any]:
-    """Displacement fields of `Modes` from eigenvectors."""
+    """Fields of `Modes` on displacements, from eigenvectors."""
     drive, model, shapes = found.drive, Model(found.drive), []
     placed = np.zeros((len(drive.sprockets) + len(drive.shafts) + len(drive.arms), 3))
     bodies = np.zeros((vector.shape[1], *placed.shape), dtype=np.complex128)
@@ -362,7 +357,7 @@ def _mode_shapes(found: DriveMotion, vector: NDArray[np.complex128]) -> dict[str
 
 
 def _has_restoring_stiffness(found: DriveMotion, vector: NDArray[np.complex128]) -> NDArray[np.bool_]:
-    """(K,) whether motions have restoring stiffness."""
+    """(K,) whether each eigenvector's motion is restored by stiffness."""
     held = np.einsum("ij,ij->j", vector.conj(), found.stiffness @ vector).real
     stiffest = max(float(part.packed.chains["stiffness"][0]) for part in found.parts)
     return np.asarray(held > RESTORING_STIFFNESS * stiffest * (np.abs(vector) ** 2).sum(axis=0))
@@ -376,7 +371,7 @@ def _normalized_vectors(vector: NDArray[np.complex128], mass: sp.csc_array) -> N
 
 
 def _kinetic_participation(found: DriveMotion, vector: NDArray[np.complex128]) -> tuple[tuple[str, ...], Array, Array]:
-    """Parts' names, energy shares (K, P), transverse share (K,)."""
+    """Parts' names, shares (K, P) of modes' kinetic energy, transverse share (K,)."""
     parts, shares = list[str](), list[Array]()
     off, roller = np.zeros(vector.shape[1]), np.zeros(vector.shape[1])
     motions = zip(found.drive.chain_prefixes, _chain_motions(found, vector), strict=True)
@@ -399,7 +394,7 @@ def _kinetic_participation(found: DriveMotion, vector: NDArray[np.complex128]) -
 
 
 def _part_energies(found: ChainMotion, energy: Array, plunger: Array, before: str) -> Iterator[PartEnergy]:
-    """Parts' names and kinetic energies (K,).
+    """Name and kinetic energy (K,) of each part in modes.
 
     Args:
         energy: (K, n) of the coordinates.
@@ -431,7 +426,7 @@ def _part_energies(found: ChainMotion, energy: Array, plunger: Array, before: st
 
 
 def _mode_names(parts: tuple[str, ...], share: Array) -> tuple[str, ...]:
-    """Names of modes by part of most kinetic energy."""
+    """Names of modes, by the part with most kinetic energy."""
     most, seen, names = np.argmax(share, axis=1) if len(share) else [], dict.fromkeys(parts, 0), []
     for part in (parts[k] for k in most):
         seen[part] += 1

@@ -1,11 +1,7 @@
-r"""Mass, stiffness, damping and travel matrices of a drive's small motion, by its free coordinates.
+r"""Mass, stiffness, damping and travel matrices of a drive's small motion, by its free coordinates (docs/modes.md).
 
-Oil in a tensioner is a spring in series with its leakage (a Maxwell element) of stroke u [m]. With p the pressure over
-that at rest, A the plunger's area, G the gap's conductance, E and V modulus and volume of oil, d the gap's drag,
-
-    A p = -(E A^2 / V) (x + u),    (A^2 / G) u' = A p + (A d / G) x'.                                   (a)
-
-All else is from generalized forces f(q, v), K = -df/dq and C = -df/dv.
+Oil in a tensioner is a coordinate u [m], its leakage's stroke. All matrices but the mass are derivatives of generalized
+forces f(q, v): K = -df/dq and C = -df/dv.
 """
 
 from __future__ import annotations
@@ -64,7 +60,7 @@ class Coordinates:
 
     @property
     def mass_matrix(self) -> sp.csc_array:
-        """Mass matrix (n, n): block diagonal, zero for oil."""
+        """Mass matrix M (n, n): block diagonal, zero for oil."""
         own = sp.diags_array(self.roller_masses)
         blocks = [own, self.inertia] if len(self.owner) else [own]
         if len(self.chambers):
@@ -72,7 +68,7 @@ class Coordinates:
         return sp.csc_array(sp.block_diag(blocks))
 
     def displaced_states(self, base: ProbeStates, displacement: Array) -> ProbeStates:
-        """Copies of a probe's state, coordinates displaced."""
+        """Copies of a probe's state with displaced coordinates."""
         straight, turned = self.roller_and_body_parts(displacement)
         oil = np.repeat(base.oil, len(displacement), axis=0)
         oil[:, self.chambers] += self.content_rate * displacement[:, self.oil_start :]
@@ -104,7 +100,7 @@ class Coordinates:
         return np.hstack([self.roller_masses * straight.reshape(copies, -1), own, oil])
 
     def coordinate_vector(self, straight: NDArray[Any], turned: NDArray[Any]) -> NDArray[Any]:
-        """Coordinate vectors (copies, n) of displaced rollers and bodies."""
+        """Coordinate vectors (copies, n) from displacements of rollers and bodies."""
         own = turned.reshape(len(turned), -1) @ np.linalg.pinv(self.basis).T
         return np.hstack([straight.reshape(len(straight), -1), own, np.zeros((len(own), len(self.chambers)))])
 
@@ -160,7 +156,7 @@ def free_coordinates(probe: ForceProbe, states: ProbeStates) -> Coordinates:
 
 
 def tensioner_strokes(probe: ForceProbe, states: ProbeStates) -> tuple[Array, Array]:
-    """Extensions (T,) of tensioners [m], and derivatives (T, 3 B)."""
+    """Extensions (T,) [m] of tensioners, and derivatives (T, 3 B)."""
     of = probe.base.tensioners[: probe.tensioners]
     body = states.bodies[0, of["body"]]
     cosine, sine, point = np.cos(body[:, 2]), np.sin(body[:, 2]), of["point"]
@@ -174,13 +170,13 @@ def tensioner_strokes(probe: ForceProbe, states: ProbeStates) -> tuple[Array, Ar
 
 
 DISPLACEMENT_STEP = 1e-7
-"""Displacement over a pitch for difference quotients."""
+"""Displacement of difference quotients, in pitches."""
 MOST_VELOCITY_STEP = 2.0**-17
-"""Largest velocity for differences of damping forces [m/s]."""
+"""Largest velocity of difference quotients [m/s]."""
 
 
 def separate_roller_sets(rollers: int) -> list[NDArray[np.int64]]:
-    """Sets of a chain's rollers at least three apart."""
+    """Sets of a chain's rollers, at least three apart in each."""
     # a roller feels only its two neighbors and the bodies, so those of a set move in one copy of the state
     whole = rollers - rollers % 3
     sets = [np.arange(first, whole, 3) for first in range(3)]
@@ -211,7 +207,7 @@ def damping_matrix(
 
 
 def velocity_step(probe: ForceProbe) -> float:
-    """Velocity for differences [m/s] at which contacts still damp linearly."""
+    """Velocity [m/s] for difference quotients of forces that damp linearly."""
     counts, step = probe.base.drives[0], MOST_VELOCITY_STEP
     for parts, count in ((probe.base.sprockets, counts["sprockets"]), (probe.base.guides, counts["guides"])):
         law = parts["law"][:count]
@@ -223,7 +219,7 @@ def velocity_step(probe: ForceProbe) -> float:
 
 
 def leakage_matrix(probe: ForceProbe, at: Coordinates, conductance: Array) -> sp.csc_array:
-    """Damping matrix part (n, n) of oil leakage."""
+    """Part (n, n) of the damping matrix by leakage of oil."""
     of = probe.base.tensioners[at.chambers]
     places = at.oil_start + np.arange(len(of))
     gap = np.zeros((len(of), at.coordinate_count))
@@ -234,7 +230,7 @@ def leakage_matrix(probe: ForceProbe, at: Coordinates, conductance: Array) -> sp
 
 
 def travel_matrix(rollers: int, mass: float, rate: float, links: NDArray[np.bool_], count: int) -> sp.csc_array:
-    """Travel matrix G (n, n), skew, of a chain that runs."""
+    """Travel matrix G (n, n), skew, of a running chain."""
     i = np.flatnonzero(links)
     j = (i + 1) % rollers
     value = np.full(len(i), mass * rate)
@@ -244,7 +240,7 @@ def travel_matrix(rollers: int, mass: float, rate: float, links: NDArray[np.bool
 
 
 def centrifugal_matrix(rollers: int, mass: float, rate: float, count: int) -> sp.csc_array:
-    """Stiffness matrix part (n, n) of centrifugal force."""
+    """Part (n, n) of the stiffness matrix by centrifugal force."""
     i = np.arange(rollers)
     j = (i + 1) % rollers
     value = np.full(rollers, mass * rate * rate)
@@ -263,7 +259,7 @@ def _coordinate_steps(probe: ForceProbe, at: Coordinates, step: float) -> Array:
 
 
 def _force_derivative(probe, at: Coordinates, steps: Array, states) -> sp.csc_array:  # type: ignore[no-untyped-def]
-    """Force derivative matrix (n, n), negative, by central differences."""
+    """Negative derivative (n, n) of generalized forces, by central differences."""
     own, n = 2 * at.rollers, at.coordinate_count
     sets = [2 * some + axis for some in separate_roller_sets(at.rollers) for axis in (0, 1)]
     sets += [np.array([k]) for k in range(own, n)]

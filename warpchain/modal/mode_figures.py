@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 
 def carried_part_lines(model: ChainModel, bodies: Array) -> list[Array]:
-    """Lines (P, 2) [m] of arms and carried parts."""
+    """Lines (P, 2) [m] of arms and of what they carry."""
     return [part.points for part in _drive_parts(model, bodies) if part.carried]
 
 
@@ -32,7 +32,7 @@ def fixed_part_lines(model: ChainModel) -> list[Array]:
 
 
 def _drive_parts(model: ChainModel, bodies: Array) -> list[OutlinePart]:
-    """Outlines of guides, arms and tensioners in a pose."""
+    """Outlines of guides, arms and tensioners in a mode's pose."""
     count = len(model.sprockets)
     return guide_arm_tensioner_parts(
         model, DrivePose(bodies[:count, :2], bodies[:count, 2], bodies[model.first_arm_body :, 2])
@@ -40,13 +40,12 @@ def _drive_parts(model: ChainModel, bodies: Array) -> list[OutlinePart]:
 
 
 SWING_SIZE = 0.06
-"""Largest drawn displacement of a mode."""
+"""Largest drawn displacement of a mode, over the drive's size."""
 SHAPE_COLUMNS, MOST_SHAPES = 4, 12
-"""Columns and panels of the mode shapes' figure."""
 
 
 def mode_swing(modes: Modes, k: int, phase: float) -> list[tuple[Modes, NDArray[np.float64], NDArray[np.float64]]]:
-    """Each chain's modes, rollers and bodies in a swing."""
+    """Modes, rollers and bodies of chains at a phase of mode k."""
     size = SWING_SIZE * float(np.ptp(modes.position, axis=0).max())
     scale = size / max(float(np.abs(modes.shape[k]).max()), 1e-300)
     turn = scale * np.exp(1j * phase)
@@ -140,7 +139,7 @@ def mode_campbell_figure(found: Campbell) -> Figure:
 
 
 def _label_heights(places: NDArray[np.float64], least: float) -> NDArray[np.float64]:
-    """Heights of labels moved up until they lie `least` apart."""
+    """Heights of a diagram's labels, moved up to lie `least` apart."""
     result = places.copy()
     rank = np.argsort(places)
     for below, above in itertools.pairwise(rank):
@@ -149,7 +148,7 @@ def _label_heights(places: NDArray[np.float64], least: float) -> NDArray[np.floa
 
 
 def _draw_order_line(axis: Any, order: float, words: str, end: float, top: float, place: float) -> None:
-    """Draws an excitation order's line."""
+    """Draws an excitation order's line into a Campbell diagram."""
     at = min(end, 60.0 * top / order)
     axis.plot([0.0, at], [0.0, order * at / 60.0], "--", color="0.55", lw=0.8)
     short = words if len(words) <= 44 else words[:43] + "\N{HORIZONTAL ELLIPSIS}"

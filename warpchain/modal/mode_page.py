@@ -15,9 +15,7 @@ if TYPE_CHECKING:
     from warpchain.modal.eigenmodes import Modes
 
 LEAST_SHARE = 0.005
-"""Least listed share of a mode's kinetic energy."""
 MOST_PARTS = 4
-"""Most parts listed for a mode."""
 DAMPING_REMARKS = (
     "damping is that of links, mounts, arms, tensioners with their oil, loads, and contacts (hysteretic ones at the "
     "floor of their impact speed)",
@@ -50,7 +48,7 @@ def mode_lines(modes: Modes) -> list[str]:
 
 
 def tensioner_share_texts(modes: Modes, k: int) -> list[str]:
-    """Texts on tensioners' shares of mode k."""
+    """Texts on tensioners' shares of mode k's stiffness and damping."""
     return [
         f"{tensioner.name} holds {modes.stored[k, t]:.0%}, damps {modes.lost[k, t]:.0%}"
         for t, tensioner in enumerate(modes.drive.tensioners)
@@ -59,7 +57,7 @@ def tensioner_share_texts(modes: Modes, k: int) -> list[str]:
 
 
 def state_remarks(modes: Modes) -> list[str]:
-    """Lines of text on the state of modes."""
+    """Lines of text on the state that modes are of."""
     result = [*modes.standing, *DAMPING_REMARKS]
     if modes.rotations:
         many = "" if modes.rotations == 1 else f", of {modes.rotations} groups"
@@ -150,7 +148,7 @@ def _modes_table(modes: Modes) -> str:
 
 
 def _crossings_table(found: Campbell) -> str:
-    """HTML table of the crossings of a Campbell diagram."""
+    """HTML table of a Campbell diagram's crossings."""
     rows = [
         [c.mode, f"{rpm_of_speed(c.speed):.4g}", f"{c.speed:.4g}", f"{c.frequency:.4g}",
          f"{100.0 * c.damping_ratio:.2g} %", f"{c.order.value:.4g}", c.order.cause]
@@ -160,7 +158,7 @@ def _crossings_table(found: Campbell) -> str:
 
 
 def _tongues_table(found: Campbell) -> str:
-    """HTML table of the instability tongues of a Campbell diagram."""
+    """HTML table of a Campbell diagram's instability tongues."""
     rows = [
         [t.mode, f"{rpm_of_speed(t.speed):.4g}", f"{t.speed:.4g}", f"{t.frequency:.4g}", f"{t.threshold:.2g}"]
         for t in found.tongues()

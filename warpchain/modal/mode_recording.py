@@ -20,15 +20,13 @@ if TYPE_CHECKING:
     import rerun.blueprint as rrb
 
 CYCLE_FRAMES = 48
-"""Frames of a recorded mode's cycle."""
 CYCLES = 4
 CYCLE_SECONDS = 2.0
-"""Seconds of a recorded mode's cycle, whatever its frequency."""
 CHAIN, STEEL, RUBBER, REST = (90, 160, 255), (150, 155, 165), (190, 120, 60), (90, 90, 95)
 
 
 def write_mode_recording(modes: Modes, path: str | Path) -> Path:
-    """Writes modes as a Rerun recording and returns its path.
+    """Writes modes as a Rerun recording; returns its path.
 
     Raises:
         ArchiveError: a file that cannot be written.
@@ -57,7 +55,7 @@ def mode_title(modes: Modes, k: int) -> str:
 
 
 def mode_blueprint(modes: Modes) -> rrb.Blueprint:
-    """Rerun blueprint of modes: a tab for each."""
+    """Rerun's layout of modes, a tab each."""
     import rerun.blueprint as rrb
 
     low, high = flipped_points(modes.position).min(axis=0), flipped_points(modes.position).max(axis=0)

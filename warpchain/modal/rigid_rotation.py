@@ -1,9 +1,4 @@
-"""Rigid rotation of bodies and chains that turn freely, taken out of the stiffness matrix.
-
-The chain's polygon gives it stiffness of either sign. With r the rotation, g = K r, and w its angles of sprockets,
-
-    K' = K - (g w' + w g') / (w' r) + (g' r) w w' / (w' r)^2.                                               (a)
-"""
+"""Rigid rotation of bodies and chains that turn freely, taken out of the stiffness matrix (docs/modes.md)."""
 
 from __future__ import annotations
 
@@ -22,7 +17,7 @@ from warpchain.model.trains import is_free_body
 
 
 def free_rotations(found: DriveMotion) -> list[list[float]]:
-    """Ratios of turns of freely turning groups."""
+    """Ratios of turns (B,) of bodies in each freely turning group."""
     drive = found.drive
     tied, _ = ratios_with_chains(drive)
     held = {
@@ -37,7 +32,7 @@ def free_rotations(found: DriveMotion) -> list[list[float]]:
 
 
 def stiffness_without_rotation(found: DriveMotion, groups: list[list[float]], small: float) -> sp.csc_array:
-    """Stiffness matrix of a drive less rigid rotation, (a).
+    """Stiffness matrix (n, n) of a drive without rigid rotation.
 
     Args:
         small: [1/s^2], times mass holds what nothing else does.
@@ -59,7 +54,7 @@ def stiffness_without_rotation(found: DriveMotion, groups: list[list[float]], sm
 
 
 def _rotation_vector(found: DriveMotion, turns: list[float]) -> tuple[Array, Array]:
-    """Rigid rotation (n,), and marks (n,) of angles."""
+    """Rigid rotation (n,), and marks (n,) of sprockets' angles."""
     drive, size = found.drive, found.mass.shape[0]
     model, turning = Model(drive), len(drive.sprockets) + len(drive.shafts)
     above, below, angles = np.zeros(size), np.zeros(size), np.zeros(size)

@@ -37,7 +37,7 @@ from warpchain.results.schedule import Schedule
 
 @dataclass(frozen=True)
 class RollerPlaces:
-    """Sprocket or strand of each of a chain's rollers."""
+    """Places of a chain's rollers: sprocket or strand of each."""
 
     arc: NDArray[np.int64]  # (N,) sprocket of a roller, from the first that touches its teeth to the last; else -1
     strand: NDArray[np.int64]  # (N,) strand in which a roller hangs; else -1
@@ -45,7 +45,7 @@ class RollerPlaces:
 
 
 def roller_places(assembly: Assembly, touching: NDArray[np.bool_]) -> RollerPlaces:
-    """Sprocket or strand of each of a chain's rollers."""
+    """Places of a chain's rollers: sprocket or strand of each."""
     count = touching.shape[1]
     sprockets = len(assembly.strand_first)
     arc = np.full(count, -1)
@@ -70,7 +70,7 @@ def roller_places(assembly: Assembly, touching: NDArray[np.bool_]) -> RollerPlac
 
 @dataclass(frozen=True)
 class ChainMotion:
-    """Small motion of one chain, with matrices."""
+    """Small motion of one chain: state and matrices."""
 
     model: ChainModel
     speed: float
@@ -87,14 +87,14 @@ class ChainMotion:
     travel: sp.csc_array  # (n, n) G
 
     def without_inertia_of(self, place: int) -> ChainMotion:
-        """Small motion without a coordinate's inertia."""
+        """Small motion of the chain without a coordinate's inertia."""
         mass = self.mass.tolil()
         mass[place, place] = 0.0
         return replace(self, mass=sp.csc_array(mass))
 
 
 PRESSURE_STEP = 1.0
-"""Pressure step for a valve's slope [Pa]."""
+"""Pressure step of a valve's slope [Pa]."""
 
 
 def oil_conductances(model: ChainModel, valve: str) -> Array:
@@ -122,7 +122,7 @@ def oil_conductances(model: ChainModel, valve: str) -> Array:
 
 @dataclass(frozen=True)
 class DriveMotion:
-    """Small motion of a drive's chains, with matrices."""
+    """Small motion of a drive: its chains', and matrices."""
 
     drive: Drive
     speed: float
@@ -138,10 +138,9 @@ class DriveMotion:
 def standing_chains(
     drive: Drive, speed: float = 0.0, start: Sequence[PackedEnsemble] | None = None
 ) -> list[tuple[ChainModel, float, PackedEnsemble, Array]]:
-    """Chains in static equilibrium, packed, with tensions (N,) [N].
+    """Chains in static equilibrium, packed, with speeds and tensions (N,) [N].
 
-    Nothing rubs, couplings have taken up their lash, freewheels are locked, brakes and backstops open, motors have the
-    slope of their moments.
+    Nothing rubs, couplings have taken up their lash, freewheels are locked, brakes and backstops open.
 
     Args:
         speed: of the drive's driver [rad/s].
@@ -167,7 +166,7 @@ def standing_chains(
 
 
 def _standing_coordinates(model: ChainModel, packed: PackedEnsemble) -> Array:
-    """Coordinates of a packed chain at rest."""
+    """Coordinates in which a packed chain stands."""
     centers = packed.bodies["center"][: len(model.sprockets)]
     hung = [model.first_arm_body + a for a in range(len(model.arms)) if model.parent(a) is not None]
     angles, pivots = packed.bodies["angle"], packed.bodies["center"][hung]
@@ -240,14 +239,14 @@ def drive_motion(
 
 
 def _sum_over_chains(ties: list[sp.csc_array], matrices: list[sp.csc_array]) -> sp.csc_array:
-    """Matrix (n, n) of a drive from its chains'."""
+    """Matrix (n, n) of a drive, summed from its chains'."""
     if len(matrices) == 1:
         return matrices[0]
     return sp.csc_array(sum(tie.T @ own @ tie for tie, own in zip(ties, matrices, strict=True)))
 
 
 def _tie_chains(parts: list[ChainMotion], shafts: Joined) -> tuple[list[ChainMotion], list[sp.csc_array]]:
-    """Small motions of chains with shared shafts, and ties P_c."""
+    """Small motions of chains on shared shafts, and their ties P_c."""
     counts = [part.at.coordinate_count for part in parts]
     places = [first + np.arange(n) for first, n in zip(np.cumsum([0, *counts]), counts, strict=False)]
     kept, parts, share = np.ones(sum(counts), dtype=np.bool_), list(parts), [np.ones(n) for n in counts]
@@ -268,7 +267,7 @@ def _tie_chains(parts: list[ChainMotion], shafts: Joined) -> tuple[list[ChainMot
 
 
 def _chain_motion(model: ChainModel, speed: float, packed: PackedEnsemble, tension: Array, valve: str) -> ChainMotion:
-    """Small motion of a packed chain at rest."""
+    """Small motion of one packed chain."""
     probe = ForceProbe(packed)
     try:
         state = probe.packed_state()

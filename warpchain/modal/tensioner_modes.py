@@ -13,7 +13,6 @@ if TYPE_CHECKING:
     from warpchain.modal.small_motion import ChainMotion
 
 LEAST_DAMPING = 1e-9
-"""Least damping over stiffness to share."""
 
 
 @dataclass(frozen=True)
@@ -40,7 +39,7 @@ class TensionerElements:
 
 
 def tensioner_elements(found: ChainMotion) -> TensionerElements:
-    """Linear elements of a chain's standing tensioners."""
+    """Springs, dampers and oil of a chain's standing tensioners."""
     of, x = _tensioner_rows(found), found.extension
     push = of["preload"] - of["stiffness"] * x
     pressing = np.where(of["hydraulic"] == 1, push + (of["rest"] - of["ambient"]) * of["area"], push)
@@ -63,7 +62,7 @@ def tensioner_elements(found: ChainMotion) -> TensionerElements:
 
 
 def plunger_motion(found: ChainMotion, vector: NDArray[np.complex128], stiff: Array, drag: Array) -> PlungerMotion:
-    """Motion and energy of a chain's tensioner plungers in modes.
+    """Motion and energy of a chain's plungers in modes.
 
     Args:
         stiff, drag: (K,) x* K x, x* C x of the drive.

@@ -25,7 +25,7 @@ Array = NDArray[np.floating]
 
 
 def trajectory_table(time: Array, channels: Mapping[str, Array]) -> pa.Table:
-    """Pyarrow table of a trajectory, a row a frame, contiguous arrays shared."""
+    """Pyarrow table of a trajectory, a row a frame."""
     import pyarrow as pa
 
     columns = {}
@@ -38,7 +38,7 @@ def trajectory_table(time: Array, channels: Mapping[str, Array]) -> pa.Table:
 
 
 def table_with_units(columns: Mapping[str, pa.Array], units: Mapping[str, str]) -> pa.Table:
-    """Pyarrow table of columns with units in metadata."""
+    """Pyarrow table of columns, with units in metadata."""
     import pyarrow as pa
 
     fields = [pa.field(name, column.type, metadata={"unit": units[name]}) for name, column in columns.items()]
@@ -75,13 +75,13 @@ def trajectory_dataset(time: Array, channels: Mapping[str, Array], parts: Drive 
 
 
 def table_with_unit_heads(table: pa.Table) -> pa.Table:
-    """Pyarrow table with units in column names: `tension_max [N]`."""
+    """Pyarrow table with units in column heads: `tension_max [N]`."""
     units = ((field.name, (field.metadata or {}).get(b"unit", b"").decode()) for field in table.schema)
     return table.rename_columns([name if unit in ("", "1") else f"{name} [{unit}]" for name, unit in units])
 
 
 def table_without_unit_heads(table: pa.Table) -> pa.Table:
-    """Pyarrow table with units moved from heads to metadata."""
+    """Pyarrow table with units moved from column heads to metadata."""
     import pyarrow as pa
 
     fields = []
@@ -92,7 +92,7 @@ def table_without_unit_heads(table: pa.Table) -> pa.Table:
 
 
 def table_with_column(table: pa.Table, name: str, values: Iterable[Any]) -> pa.Table:
-    """Pyarrow table with other values (rows,) in one column."""
+    """Pyarrow table with one column's values replaced."""
     import pyarrow as pa
 
     at = table.column_names.index(name)

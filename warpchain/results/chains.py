@@ -17,7 +17,7 @@ from warpchain.results.run import Trajectory
 
 
 def _channel_places(chains: Sequence[ChainModel], kind: PartKind) -> list[NDArray[np.int64]]:
-    """Indices of each chain's parts in the drive's channels."""
+    """Indices in the drive's channels of each chain's parts."""
     if kind in ("roller", "link"):
         ends = np.cumsum([chain.links for chain in chains])
         return [np.arange(end - chain.links, end) for end, chain in zip(ends, chains, strict=True)]
@@ -43,7 +43,7 @@ def trajectory_of_chains(drive: Drive, parts: Sequence[Trajectory]) -> Trajector
 
 
 def chain_trajectories(trajectory: Trajectory) -> Mapping[str, Trajectory]:
-    """Trajectories of a drive's chains by name."""
+    """Trajectories of a drive's chains, by name."""
     chains = Model(trajectory.drive).chains if trajectory.chain is None else [trajectory.chain]
     if len(chains) == 1:
         return {"": replace(trajectory, chain=chains[0])}
@@ -59,7 +59,7 @@ def chain_trajectories(trajectory: Trajectory) -> Mapping[str, Trajectory]:
 
 
 def _shaft_channels(trajectory: Trajectory, chain: ChainModel, held: Mapping[str, Any]) -> dict[str, Any]:
-    """Channels of a chain's shafts, sprockets among them."""
+    """Channels of the shafts of a chain, sprockets among them."""
     names = [sprocket.name for sprocket in trajectory.drive.sprockets]
     others = [names.index(shaft.name) for shaft in chain.shafts if isinstance(shaft, SprocketShaft)]
     angle, speed = trajectory.sprocket_angle, trajectory.sprocket_speed
@@ -72,7 +72,7 @@ def _shaft_channels(trajectory: Trajectory, chain: ChainModel, held: Mapping[str
 
 
 def chain_metrics_row(row: Mapping[str, Any], name: str) -> dict[str, Any]:
-    """Metrics row of one chain, without its name."""
+    """Metrics row of one chain, without its prefix."""
     if not name:
         return dict(row)
     before = f"{name}."

@@ -20,7 +20,7 @@ PartKind = Literal["roller", "link", "sprocket", "arm", "tensioner", "shaft", "c
 
 @dataclass(frozen=True)
 class PartCounts:
-    """Numbers of a drive's parts that channels are of."""
+    """Numbers of a drive's parts that have channels."""
 
     rollers: int
     sprockets: int
@@ -43,7 +43,7 @@ class PartCounts:
 
 @dataclass(frozen=True)
 class Channel:
-    """A recorded channel: name, unit, kind of part, components."""
+    """Recorded channel: name, unit, kind of part, components."""
 
     name: str  # as in `Trajectory` and `Record.channels`
     unit: str  # SI
@@ -98,11 +98,10 @@ CHANNELS = (
     Channel("valve_torque", "N m", "valve", "torque of a group of valves against forward rotation of its shaft"),
     Channel("valve_force", "N", "valve", "least force of a cam of the group on its follower"),
 )
-"""Channels of a trajectory, in the order of archives; new ones last."""
+"""Channels in archives' order; new ones last."""
 
 CHANNEL_NAMES = tuple(channel.name for channel in CHANNELS)
 DEFAULT_CHANNELS = tuple(channel.name for channel in CHANNELS if not channel.on_request)
-"""Names of the channels recorded by default."""
 CHANNEL_BY_NAME = {channel.name: channel for channel in CHANNELS}
 ROLLER_CHANNELS = tuple(channel for channel in CHANNELS if channel.is_of_rollers)
 BODY_CHANNELS = tuple(channel for channel in CHANNELS if not channel.is_of_rollers)
@@ -125,7 +124,7 @@ class FrameLayout:
 
     @cached_property
     def _places_by_name(self) -> dict[str, int]:
-        """Places of channels among their parts' values, by name."""
+        """Place of each channel among its part's values, by name."""
         places: dict[str, int] = {}
         ends = dict.fromkeys(FRAME_BLOCKS, 0)
         for channel in self.channels:
@@ -139,21 +138,21 @@ class FrameLayout:
         return name in self._places_by_name
 
     def place(self, name: str) -> int:
-        """Place of a channel among its part's values."""
+        """Place of a channel among its part's values in a frame."""
         return self._places_by_name[name]
 
     def values(self, kind: PartKind) -> int:
-        """Number of a frame's values for a part."""
+        """Number of a part's values in a frame."""
         return sum(
             len(channel.value_names) for channel in self.channels if _frame_block(channel.per) == _frame_block(kind)
         )
 
     def frame_width(self, sizes: PartCounts) -> int:
-        """Number of values of one frame."""
+        """Number of all values in a frame."""
         return sum(self.values(kind) * sizes.count_of(kind) for kind in FRAME_BLOCKS)
 
     def split_frames(self, frames: NDArray[Any], sizes: PartCounts) -> dict[str, NDArray[Any]]:
-        """Channels by name as views of frames (F, `frame_width`)."""
+        """Channels by name, as views of frames (F, `frame_width`)."""
         blocks, end = {}, 0
         for kind in FRAME_BLOCKS:
             count, values = sizes.count_of(kind), self.values(kind)
@@ -169,32 +168,30 @@ class FrameLayout:
 
 
 FRAME_BLOCKS: tuple[PartKind, ...] = ("roller", "sprocket", "arm", "tensioner", "shaft", "coupling", "valve")
-"""Kinds of parts in a frame's order."""
 
 
 def _frame_block(kind: PartKind) -> PartKind:
-    """Kind of part with whose values a frame has a kind's."""
+    """Kind of part in whose block of a frame a kind's values are."""
     return "roller" if kind == "link" else kind
 
 
 DEFAULT_FRAME = FrameLayout(tuple(CHANNEL_BY_NAME[name] for name in DEFAULT_CHANNELS))
 
 WHOLE_FRAME = FrameLayout(CHANNELS)
-"""Layout of frames with every channel."""
 
 
 def frame_with_channels(channels: Iterable[str]) -> FrameLayout:
-    """Layout of frames with default channels and some more."""
+    """Layout of frames with the default channels and others."""
     asked = set(channels)
     return FrameLayout(tuple(channel for channel in CHANNELS if not channel.on_request or channel.name in asked))
 
 
 def drive_frame_width(parts: Drive | ChainModel, frame: FrameLayout = DEFAULT_FRAME) -> int:
-    """Number of values of a drive's frame."""
+    """Number of values in a frame of a drive."""
     return frame.frame_width(PartCounts.of_drive(parts))
 
 
 def channels_of_drive(parts: Drive | ChainModel, names: Iterable[str]) -> tuple[str, ...]:
-    """Names of channels that a drive has."""
+    """Names of channels whose parts a drive has."""
     sizes = PartCounts.of_drive(parts)
     return tuple(name for name in names if sizes.count_of(CHANNEL_BY_NAME[name].per) > 0)

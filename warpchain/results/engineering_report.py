@@ -1,7 +1,4 @@
-"""Engineering report of a recorded variant: its metrics, and the signals that figures are drawn from.
-
-A part whose channels were not recorded raises a `SimulationError`.
-"""
+"""Engineering report of a recorded variant: its metrics, and the signals that figures are drawn from."""
 
 from __future__ import annotations
 
@@ -59,6 +56,9 @@ class EngineeringReport:
 
     Attributes:
         whole, part: the recording, and its frames in the window.
+
+    Raises:
+        SimulationError: by what needs channels that were not recorded.
     """
 
     def __init__(
@@ -79,7 +79,7 @@ class EngineeringReport:
 
     @cached_property
     def guide_contacts(self) -> list[GuideContacts]:
-        """Rollers that press each guide."""
+        """Contacts of rollers with each guide."""
         return recorded_guide_contacts(self.part)
 
     @cached_property
@@ -102,7 +102,7 @@ class EngineeringReport:
 
     @cached_property
     def friction_power(self) -> dict[str, Array]:
-        """Friction power (F,) [W] by what rubs."""
+        """Friction power (F,) [W] by part that rubs."""
         return friction_power(self.whole)
 
     @cached_property
@@ -112,30 +112,30 @@ class EngineeringReport:
 
     @cached_property
     def probe_signals(self) -> dict[str, ProbeSignals]:
-        """Signals of each probe."""
+        """Signals of each probe, by name."""
         pitch = self.model.chain.pitch
         return {probe.name: probe_signals(self.whole, probe.at, probe.radius or pitch) for probe in self.model.probes}
 
     @cached_property
     def joint_wear(self) -> JointWear | None:
-        """Sliding of the joints, or None."""
+        """Sliding of the chain's joints, or None."""
         return joint_wear(self.part)
 
     @cached_property
     def joint_area(self) -> float | None:
-        """Bearing area of a joint [m^2]; None where unknown."""
+        """Bearing area of a joint [m^2], or None."""
         own = self.wear_law.bearing_area
         return self.model.chain.joint_area if own is None else own
 
     @property
     def elongation_rate(self) -> float | None:
-        """Elongation of the chain by wear [1/s], or None."""
+        """Rate at which wear elongates the chain [1/s], or None."""
         if self.joint_wear is None or self.joint_area is None:
             return None
         return elongation_rate(self.model, self.joint_wear, self.wear_law.coefficient, self.joint_area)
 
     def metrics(self) -> dict[str, float]:
-        """Report's metrics that recorded channels allow."""
+        """Metrics of the report that recorded channels allow."""
         return dict(self._finite_metrics)
 
     @cached_property
@@ -148,12 +148,12 @@ class EngineeringReport:
 
 
 def _has_channels(report: EngineeringReport, *channels: str) -> bool:
-    """Whether a report's recording has these channels."""
+    """Whether a report's recording has channels."""
     return all(getattr(report.whole, channel) is not None for channel in channels)
 
 
 def _strand_metrics(report: EngineeringReport) -> dict[str, float]:
-    """Report's metrics of strands, by name."""
+    """Metrics of strands in a report, by name."""
     if not _has_channels(report, "position", "tension"):
         return {}
     names = enumerate(report.model.strand_names)
@@ -161,7 +161,7 @@ def _strand_metrics(report: EngineeringReport) -> dict[str, float]:
 
 
 def _sprocket_metrics(report: EngineeringReport) -> dict[str, float]:
-    """Report's metrics of sprockets, by name."""
+    """Metrics of sprockets in a report, by name."""
     found: dict[str, float] = {}
     if _has_channels(report, "sprocket_angle"):
         for s, phase in report.phase_errors.items():
@@ -176,7 +176,7 @@ def _sprocket_metrics(report: EngineeringReport) -> dict[str, float]:
 
 
 def _guide_metrics(report: EngineeringReport) -> dict[str, float]:
-    """Report's metrics of guides, by name."""
+    """Metrics of guides in a report, by name."""
     if not report.model.guides or not _has_channels(report, "position", "guide_force"):
         return {}
     found: dict[str, float] = {}
@@ -192,7 +192,7 @@ def _guide_metrics(report: EngineeringReport) -> dict[str, float]:
 
 
 def _joint_metrics(report: EngineeringReport) -> dict[str, float]:
-    """Report's metrics of joints, by name."""
+    """Metrics of joints in a report, by name."""
     if not _has_channels(report, "position", "tension") or report.joint_wear is None:
         return {}
     wear, seconds = report.joint_wear, report.joint_wear.seconds
@@ -205,7 +205,7 @@ def _joint_metrics(report: EngineeringReport) -> dict[str, float]:
 
 
 def _probe_metrics(report: EngineeringReport) -> dict[str, float]:
-    """Report's metrics of probes, by name."""
+    """Metrics of probes in a report, by name."""
     if not report.model.probes or not _has_channels(report, "position", "velocity", "tension"):
         return {}
     inside = report.whole.time >= report.start - 1e-12
@@ -224,7 +224,7 @@ def _probe_metrics(report: EngineeringReport) -> dict[str, float]:
 
 
 def metrics_window(row: Mapping[str, Any], trajectory: Trajectory) -> tuple[float, float]:
-    """Window of a metrics row [s] within the recording."""
+    """Window [s] of a metrics row within the recording."""
     end = float(trajectory.time[-1])
     start, stop = row.get("window_start"), row.get("window_end")
     if row.get("input_work") is None or start is None or stop is None or start >= end:

@@ -1,8 +1,6 @@
-"""Fatigue of links: rainflow cycles of their tension, Woehler curve, Miner damage.
+"""Fatigue of links: rainflow cycles of their tension (ASTM E1049-85, 5.4.4), Woehler curve, Miner damage.
 
-    N(D) = N_ref (D_ref / D)^m,      damage = sum over cycles n_i / N(D_i)                                    (a)
-
-for cycles of the tension range D. Mean tension is not corrected for. Cycles are counted after ASTM E1049-85, 5.4.4.
+Cycles of the tension range D do the damage n_i / N(D_i), N(D) = N_ref (D_ref / D)^m, without correction for the mean.
 """
 
 from __future__ import annotations
@@ -24,20 +22,20 @@ Array = NDArray[np.float64]
 @check_arguments(SimulationError, "fatigue.")
 @dataclass(frozen=True)
 class Woehler:
-    """Woehler (S-N) curve of a link's tension, (a)."""
+    """Woehler (S-N) curve of a link's tension, N(D)."""
 
     exponent: PositiveNumber  # m [-]
     reference_range: PositiveNumber  # D_ref [N]
     reference_cycles: PositiveNumber = 1e6  # N_ref, cycles of D_ref to failure
 
     def cycles_to_failure(self, ranges: ArrayLike) -> Array:
-        """Cycles to failure at tension ranges [N]."""
+        """Number of cycles to failure at tension ranges [N]."""
         with np.errstate(divide="ignore"):
             return self.reference_cycles * (self.reference_range / np.asarray(ranges, dtype=float)) ** self.exponent
 
 
 def rainflow_counter() -> Callable[[Sequence[float]], Iterable[tuple[Any, ...]]]:
-    """Function that yields a series' rainflow cycles.
+    """Function that yields the rainflow cycles of a series.
 
     Raises:
         SimulationError: the extra `rainflow` is not installed.
@@ -67,14 +65,14 @@ def count_links(tension: ArrayLike) -> list[Array]:
 
 
 def miner_damage(tension: ArrayLike, woehler: Woehler, cycles: Sequence[Array] | None = None) -> Array:
-    """Miner damage (L,) of a chain's links by cycles of their tension, (a); 1 is failure.
+    """Miner damage (L,) of links by their cycles; 1 is failure.
 
     Args:
         tension: (F, L) of links [N].
         cycles: of `count_links`.
 
     Raises:
-        SimulationError: as `count_links`.
+        SimulationError: as of `count_links`.
     """
     found = count_links(tension) if cycles is None else cycles
     return _link_cycle_sums(found, woehler.reference_range, woehler.exponent) / woehler.reference_cycles
@@ -85,15 +83,13 @@ def equivalent_range(
 ) -> Array:
     """Tension range (L,) [N] of equal fatigue damage in `counted` cycles.
 
-    It is (sum n_i D_i^m / counted)^(1/m).
-
     Args:
         tension: (F, L) of links [N].
         exponent: m [-].
         cycles: of `count_links`.
 
     Raises:
-        SimulationError: as `count_links`.
+        SimulationError: as of `count_links`.
     """
     found = count_links(tension) if cycles is None else cycles
     largest = max((float(one[:, 0].max()) for one in found if len(one)), default=0.0) or 1.0  # keeps powers near one
@@ -101,7 +97,7 @@ def equivalent_range(
 
 
 def _link_cycle_sums(cycles: Sequence[Array], reference: float, exponent: float) -> Array:
-    """Sums (L,) of n (range / reference)^m over rainflow cycles."""
+    """Sums (L,) of n (range / reference)^m over links' cycles."""
     sums = np.zeros(len(cycles))
     for link, found in enumerate(cycles):
         total = 0.0

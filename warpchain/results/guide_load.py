@@ -1,11 +1,4 @@
-"""Load of a guide: force of the chain over arc length, sliding speed, and their product p v.
-
-Over F frames, in a stretch of length b of the face,
-
-    p = sum of forces / (F b)  [N/m],    p v = sum of forces times sliding speeds / (F b)  [W/m].                (a)
-
-Over the width that touches they are a pressure [Pa] and the p v of bearing tables [W/m^2].
-"""
+"""Load of a guide: force of the chain over arc length, sliding speed, and their product p v (docs/report.md)."""
 
 from __future__ import annotations
 
@@ -23,7 +16,7 @@ Index = NDArray[np.intp]
 
 
 def face_coordinates(face: Profile, points: Array) -> tuple[Array, Array]:
-    """Arc lengths and heights of points on a guide's face [m]."""
+    """Arc lengths and heights [m] of points on a guide's face."""
     place, height = np.full(len(points), np.nan), np.full(len(points), np.inf)
     for piece, before in zip(face.pieces, face.places, strict=True):
         on = piece.heights(points)
@@ -60,7 +53,7 @@ STRETCHES_A_PITCH = 4
 
 
 class GuideContacts(NamedTuple):
-    """Rollers that press one guide of a recording."""
+    """Contacts of rollers with a guide in a recording."""
 
     frame: Index  # (K,)
     roller: Index  # (K,)
@@ -70,7 +63,7 @@ class GuideContacts(NamedTuple):
 
 
 def recorded_guide_contacts(trajectory: Trajectory) -> list[GuideContacts]:
-    """Rollers of a recording that press each guide.
+    """Contacts of rollers with each guide in a recording.
 
     Raises:
         SimulationError: recorded without positions or guide forces.
@@ -102,16 +95,16 @@ class GuideLoad(NamedTuple):
     """Load of a guide in B stretches of its length."""
 
     place: Array  # (B,) middles of the stretches [m]
-    mean: Array  # (B,) mean normal force per length, p [N/m] (a)
+    mean: Array  # (B,) mean normal force per length, p [N/m]
     peak: Array  # (B,) largest force of one roller [N]
     speed: Array  # (B,) mean sliding speed, weighted by force [m/s]
-    pv: Array  # (B,) mean of p v [W/m] (a)
+    pv: Array  # (B,) mean of p v [W/m]
     pv_peak: Array  # (B,) largest force of a roller times its speed, over the pitch [W/m]
     touching: float  # share of the frames at which a roller presses
 
 
 def guide_load_by_stretch(contacts: GuideContacts, frames: int, edges: Array, pitch: float) -> GuideLoad:
-    """Load of a guide in stretches between edges [m]."""
+    """Load of a guide in stretches between `edges` [m]."""
     count, widths = len(edges) - 1, np.diff(edges)
     inside = (contacts.place >= edges[0]) & (contacts.place <= edges[-1])
     stretch = np.minimum(np.searchsorted(edges, contacts.place[inside], side="right") - 1, count - 1)
@@ -127,7 +120,7 @@ def guide_load_by_stretch(contacts: GuideContacts, frames: int, edges: Array, pi
 
 
 def guide_loads(trajectory: Trajectory, contacts: list[GuideContacts] | None = None) -> list[GuideLoad]:
-    """Load of each guide of a recording."""
+    """Load of each guide in a recording."""
     model = trajectory.model
     found = []
     for g, mine in enumerate(recorded_guide_contacts(trajectory) if contacts is None else contacts):

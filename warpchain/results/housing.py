@@ -1,16 +1,7 @@
-"""Forces on the housing, frame by frame: at hubs, bolts of guides, pivots and springs of arms, seats of tensioners.
+"""Forces on the housing, frame by frame: at hubs, guides' bolts, arms' pivots, tensioners' seats (docs/interchange.md).
 
-With F what rollers, tensioners and weight do to a body of mass m and acceleration a, its bearing passes on
-
-    F - m a  [N];                                                                                                 (a)
-
-a balance wheel adds m_b r_b (omega^2 e - alpha e'). A guide on n bolts at r_i, r their mean, M the moment about r, has
-
-    F_i = F / n + M e_z x (r_i - r) / sum |r_i - r|^2,                                                            (b)
-
-else the middle of its face. Drives of shafts are left out. An order's level is (ISO 1683)
-
-    L = 20 log10( (amplitude / sqrt 2) / 1e-6 )  [dB].                                                            (c)
+With F what rollers, tensioners and weight do to a body of mass m and acceleration a, its bearing passes on F - m a; a
+balance wheel adds m_b r_b (omega^2 e - alpha e').
 """
 
 from __future__ import annotations
@@ -60,7 +51,7 @@ def housing_loads(trajectory: Trajectory) -> list[HousingLoad]:
 
 
 def _chain_housing_loads(trajectory: Trajectory) -> list[HousingLoad]:
-    """Loads on the housing of one chain's parts."""
+    """Loads on the housing by the parts of one chain."""
     model = trajectory.model
     on_hubs, guides = hub_forces(trajectory), _guide_forces_and_moments(trajectory)
     hubs = [_hub_bearing_force(trajectory, s, on_hubs[:, s]) for s in range(len(model.sprockets))]
@@ -90,7 +81,7 @@ def _chain_housing_loads(trajectory: Trajectory) -> list[HousingLoad]:
 
 
 def _hub_bearing_force(trajectory: Trajectory, s: int, chain: Array) -> Array:
-    """Force (F, 2) [N] of a sprocket's bearing, (a)."""
+    """Force (F, 2) [N] of a sprocket's bearing on the housing."""
     center, angle, speed = require_channels(trajectory, "sprocket_center", "sprocket_angle", "sprocket_speed")
     sprocket, time = trajectory.model.sprockets[s], trajectory.time
     mass, gravity = sprocket.mass or 0.0, np.asarray(trajectory.model.run.gravity)
@@ -116,7 +107,7 @@ def _hub_bearing_force(trajectory: Trajectory, s: int, chain: Array) -> Array:
 
 
 def _balance_wheel_force(sprocket: Sprocket, angle: Array, speed: Array, time: Array) -> Array:
-    """Inertia force (F, 2) [N] of a balance wheel."""
+    """Inertia force (F, 2) [N] of a sprocket's balance wheel."""
     wheel = sprocket.balance_wheel
     assert wheel is not None
     points = np.stack([np.cos(angle + wheel.phase), np.sin(angle + wheel.phase)], axis=-1)
@@ -126,12 +117,12 @@ def _balance_wheel_force(sprocket: Sprocket, angle: Array, speed: Array, time: A
 
 
 def _time_derivative(values: Array, time: Array) -> Array:
-    """Time derivative of samples (F, ...)."""
+    """Time derivative (F, ...) of samples."""
     return np.gradient(values, time, axis=0) if len(time) > 1 else np.zeros_like(values)
 
 
 def _guide_forces_and_moments(trajectory: Trajectory) -> list[tuple[Array, Array]]:
-    """Chain force (F, 2) [N] and moment (F,) on each guide."""
+    """Chain's force (F, 2) [N] and moment (F,) [N m] on each guide."""
     position, guide_force = require_channels(trajectory, "position", "guide_force")
     frame, roller = np.nonzero(guide_force > 0.0)
     nearest, normal = nearest_guides_of_rollers(trajectory, frame, roller)
@@ -147,7 +138,7 @@ def _guide_forces_and_moments(trajectory: Trajectory) -> list[tuple[Array, Array
 
 
 def _bolt_loads(model: ChainModel, g: int, force: Array, moment: Array) -> list[HousingLoad]:
-    """Loads of a guide's bolts on the housing, (b)."""
+    """Loads on the housing by a guide's bolts, or its face."""
     guide = model.guides[g]
     if not guide.bolts:
         middle = model.profile(g).points(model.chain.pitch, caps=False)
@@ -170,12 +161,12 @@ def _bolt_loads(model: ChainModel, g: int, force: Array, moment: Array) -> list[
 
 
 def _moment_about(place: Array, force: Array, moment: Array) -> Array:
-    """Moment (F,) [N m] of a force about a place."""
+    """Moment (F,) [N m] of a housing load about another place."""
     return np.asarray(moment - (place[0] * force[:, 1] - place[1] * force[:, 0]))
 
 
 def _pivot_load(trajectory: Trajectory, a: int, hubs: list[Array], guides: list[tuple[Array, Array]]) -> HousingLoad:
-    """Load of an arm's pivot on the housing."""
+    """Load on the housing by an arm's pivot."""
     model, time = trajectory.model, trajectory.time
     arm = model.arms[a]
     arm_angle, arm_speed = require_channels(trajectory, "arm_angle", "arm_speed")
@@ -240,12 +231,12 @@ def order_levels(trajectory: Trajectory) -> pa.Table:
 
 
 def _component_unit(name: str) -> str:
-    """Unit of a housing load's component, by its name."""
+    """Unit of a housing load's component, by name."""
     return "N m" if name.endswith(".moment") else "N"
 
 
 def housing_components(trajectory: Trajectory) -> dict[str, Array]:
-    """Components (F,) of housing loads by name: "hub crank.x"."""
+    """Components (F,) of housing loads by name, "hub crank.x"."""
     found: dict[str, Array] = {}
     for load in housing_loads(trajectory):
         found |= {f"{load.name}.{axis}": load.force[:, k] for k, axis in enumerate("xy")}

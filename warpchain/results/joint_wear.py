@@ -1,12 +1,8 @@
-"""Sliding of the chain's joints under load, and the elongation by wear that it forecasts (Archard).
+"""Sliding of the chain's joints under load, and the elongation by wear that it forecasts (Archard, docs/wear.md).
 
 While links turn by d(phi) against each other, the pin slides r_p |d(phi)| in its bush under the force N:
 
     s = r_p sum |d(phi)|  [m],    L = r_p sum N |d(phi)|  [N m],    sliding work W = mu kappa L.                 (a)
-
-A chain of pitch p and bearing area A grows by (docs/wear.md)
-
-    elongation = k L / (A p),    L the mean of all joints.                                                       (b)
 """
 
 from __future__ import annotations
@@ -33,7 +29,7 @@ class JointWear(NamedTuple):
 
 
 def joint_wear(trajectory: Trajectory) -> JointWear | None:
-    """Sliding of each joint over a recording, or None.
+    """Sliding of each joint over a recording, (a), or None.
 
     Frames must come at least twice as often as links turn back and forth.
 
@@ -56,5 +52,5 @@ def joint_wear(trajectory: Trajectory) -> JointWear | None:
 
 
 def elongation_rate(model: ChainModel, wear: JointWear, coefficient: float, area: float) -> float:
-    """Elongation of the chain by joint wear [1/s], (b)."""
+    """Rate at which joint wear elongates the chain [1/s]."""
     return float(wear.loaded.mean()) * coefficient / (area * model.chain.pitch * wear.seconds)

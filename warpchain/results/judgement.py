@@ -1,7 +1,4 @@
-"""Limits that a run's metrics are held against, and the status and reason of each variant.
-
-A new limit is a row of `LIMIT_RULES` and a field of `Limits`.
-"""
+"""Limits that a run's metrics are held against, and the status and reason of each variant."""
 
 from __future__ import annotations
 
@@ -25,7 +22,6 @@ if TYPE_CHECKING:
     from warpchain.drive import Chain, Drive
 
 WELL_KEPT_SHARE = 0.5
-"""Step that a reason proposes, over a sufficient one."""
 MOST_NAMED = 6
 MOST_REASONS = 3
 
@@ -33,7 +29,7 @@ Limit = Annotated[
     float, Field(strict=True, ge=0.0, allow_inf_nan=True), Value("must be a number of at least 0, or inf")
 ]
 START_ENERGY_CHANGE = 0.5
-"""Energy change over losses of a start's window."""
+"""Energy change over losses in a start's window."""
 LimitShare = Annotated[float, Field(strict=True, ge=0.0, le=1.0), Value("must be a number from 0 to 1")]
 
 
@@ -42,10 +38,10 @@ class Limits(Part):
 
     Attributes:
         energy_residual: what the energy balance misses, over the energy turned over.
-        energy_change: what the drive's energy changes by over the window, over the losses: they are those of a start.
+        energy_change: change of the drive's energy over the window, over the losses: large in a start.
         settle_residual: net force that settling left on a roller, over the largest link force of the window.
         breaking_load: largest link tension, over the breaking load of the catalogue's chain (`chain.size`); from 0.7 on
-            links yield and stay longer, as `check` has it.
+            links yield and stay longer.
         compression: largest force with which a link of a strand pushes, over the largest link tension.
         mean_compression: mean force with which a strand pushes, over the largest link tension.
         resolution: least number of steps in the shortest time of friction and ramps (`results.step_resolution`).
@@ -85,7 +81,7 @@ class Limits(Part):
 NumberOfEach = Callable[..., NDArray[np.float64]]
 """Function that gives a number of each drive (V,)."""
 ColumnValues = tuple[NDArray[Any], NDArray[np.bool_]]
-"""Values of a metric column (V,), and its nulls."""
+"""Values of a metric column (V,), and nulls."""
 
 
 @dataclass(frozen=True)
@@ -105,7 +101,7 @@ class LimitRule:
     order: int = 0  # power of the step that the column goes by, or 0
 
     def reason_text(self, of: str, value: float, limit: float) -> str:
-        """Reason text for a value beyond its limit."""
+        """Reason of a variant whose value is beyond the limit."""
         step = ""
         if self.order and limit > 0.0:
             step = (
@@ -115,16 +111,16 @@ class LimitRule:
 
     @property
     def column_name(self) -> str:
-        """Name of the limit's metric column, for documents."""
+        """Name of the limit's metric column in documents."""
         return f"{self.part}.{self.column}" if self.part else self.column
 
 
 def _number_of_prefix_chain(each: NumberOfEach, of: str, value: Callable[[Chain], Any]) -> NDArray[np.float64]:
-    """A number (V,) of a metric column's chain."""
+    """Number (V,) of the chain that a metric column names."""
     name = of.partition(".")[0]
 
     def number_of_drive(drive: Drive) -> Any:
-        """The number of a drive's chain; nan without one."""
+        """Value of a drive's chain, nan without one."""
         chains = dict(zip(drive.chain_prefixes, drive.each_chain, strict=True))
         chain = chains.get("", chains.get(f"{name}."))
         found = None if chain is None else value(chain)
@@ -134,7 +130,7 @@ def _number_of_prefix_chain(each: NumberOfEach, of: str, value: Callable[[Chain]
 
 
 def breaking_loads(each: NumberOfEach, columns: Mapping[str, ColumnValues], of: str) -> NDArray[np.float64]:
-    """Breaking load (V,) [N] of each drive's chain."""
+    """Breaking load (V,) [N] of a column's chain."""
     return _number_of_prefix_chain(each, of, lambda chain: chain.breaking_load)
 
 
@@ -148,14 +144,14 @@ def least_link_forces(each: NumberOfEach, of: str) -> NDArray[np.float64]:
 
 
 def largest_link_tensions(each: NumberOfEach, columns: Mapping[str, ColumnValues], of: str) -> NDArray[np.float64]:
-    """Largest link tension (V,) [N] of the window."""
+    """Largest link tension (V,) [N] in the window."""
     before = "".join(of.rpartition(".")[:2])  # the chain's, of a strand
     least, name = least_link_forces(each, of), f"{before}tension_max"
     return np.maximum(columns[name][0], least) if name in columns else np.full_like(least, np.nan)
 
 
 def largest_link_forces(each: NumberOfEach, columns: Mapping[str, ColumnValues], of: str) -> NDArray[np.float64]:
-    """Largest link force (V,) [N] of the window."""
+    """Largest link force (V,) [N] in the window, pull or push."""
     names = (f"{of}.{name}" if of else name for name in ("tension_min", "tension_max"))
     ends, least = [np.abs(columns[name][0]) for name in names if name in columns], least_link_forces(each, of)
     largest = np.max(ends, axis=0) if ends else np.zeros_like(least)
@@ -163,13 +159,13 @@ def largest_link_forces(each: NumberOfEach, columns: Mapping[str, ColumnValues],
 
 
 def has_table_change(drive: Drive, begin: Any, end: Any) -> Any:
-    """Whether tables change a drive between two times [s]."""
+    """Whether a drive's tables change between two times [s]."""
     changes = [_has_change_between(*table, begin, end) for table in _tables_over_time(drive)]
     return np.any(changes, axis=0) if changes else False
 
 
 def _tables_over_time(drive: Drive) -> Iterator[tuple[Any, Any]]:
-    """Times [s] and values of a drive's tables."""
+    """Times [s] and values of each table in a drive."""
     parts: list[Any] = [*drive.sprockets, *drive.shafts]
     held = [
         _attribute_or_none(of, "table")
@@ -195,7 +191,7 @@ def _attribute_or_none(part: Any, name: str) -> Any:
 
 
 def _has_change_between(over: Any, values: Any, begin: Any, end: Any) -> Any:
-    """Whether a table's values change between two times [s]."""
+    """Whether a table changes between two times [s]."""
     time, value = np.asarray(over, dtype=float), np.asarray(values, dtype=float)
     changes = np.append(0, np.cumsum(value[1:] != value[:-1]))
     first, last = np.searchsorted(time, begin, side="right") - 1, np.searchsorted(time, end)
@@ -203,7 +199,7 @@ def _has_change_between(over: Any, values: Any, begin: Any, end: Any) -> Any:
 
 
 def _longest_ramp_time(drive: Drive) -> Any:
-    """Longest ramp of a drive's motions [s], or 0."""
+    """Longest ramp time [s] of a drive's motions, or 0."""
     motions = [*(of.prescribed for of in drive.sprockets), *(of.prescribed for of in drive.shafts)]
     return maximum(0.0, *(motion.ramp_time for motion in motions if motion))
 
@@ -353,13 +349,12 @@ DIVERGENCE_CAUSES = {
     "settling": "settling found no equilibrium: make the chain fit more closely (warpchain fit), or take "
     "run.settle = false and a later window",
 }
-"""Causes for a variant to diverge, and remedies."""
 UNMEASURED_REASON = "ended before its window for metrics was over"
 
 
 @dataclass(frozen=True)
 class Judgement:
-    """Status and reason of V variants.
+    """Judgement of V variants: status and reason.
 
     Attributes:
         status: (V,) of `statuses.STATUSES`.
@@ -416,7 +411,7 @@ def judge_variants(
 def _reasons_beyond_limits(
     drives: Sequence[Drive], stacks: Sequence[Stack[Drive]] | None, columns: Mapping[str, ColumnValues], limits: Limits
 ) -> dict[int, list[str]]:
-    """Reasons of variants with metrics beyond limits, by variant."""
+    """Reasons (rule, column, text) of metrics beyond limits, by variant."""
     found: dict[int, list[tuple[int, str, str]]] = {}
     chains = {chain.name for drive in drives for chain in drive.chains}
     each = partial(number_of_each_drive, drives, stacks)
@@ -444,7 +439,7 @@ def _reasons_beyond_limits(
 
 
 def _reasons_in_column_order(drive: Drive, reasons: list[tuple[int, str, str]]) -> list[tuple[int, str, str]]:
-    """Reasons (rule, column, text) in column order."""
+    """Reasons (rule, column, text) in a drive's order of columns."""
     if len({rule for rule, _, _ in reasons}) == len(reasons):
         return reasons
     places = _column_places(drive)
@@ -459,7 +454,7 @@ def _column_places(drive: Drive) -> dict[str, int]:
 
 
 def _is_judged_by_rule(drives: Sequence[Drive], of: str, rule: LimitRule, chains: set[str]) -> NDArray[np.bool_]:
-    """(V,) whether a limit's rule applies to a column."""
+    """(V,) whether a limit's rule judges a column."""
     own: bool | NDArray[np.bool_] = of == ""
     if of in chains:
         own = np.array([any(chain.name == of for chain in drive.chains) for drive in drives])
@@ -481,10 +476,7 @@ def _first_nonfinite_columns(drives: Sequence[Drive], columns: Mapping[str, Colu
 
 
 def judgement_warning(status: Sequence[str], reason: Sequence[str]) -> str | None:
-    """Warning on variants that are not ok, or None.
-
-    Interrupted variants that are else ok are left out.
-    """
+    """Warning on variants that are neither ok nor merely interrupted, or None."""
     bad = [v for v, word in enumerate(status) if word != OK and reason[v] != UNMEASURED_REASON]
     if not bad:
         return None

@@ -1,6 +1,6 @@
 """Energy losses of a window by group, and friction power over time by what rubs.
 
-With mu(v) = mu_d + (mu_s - mu_d) exp(-(v / v_s)^2), N normal forces and v sliding speeds,
+With N normal forces, v sliding speeds and mu(v) of docs/contact-forces.md,
 
     joints   mu(r_p |g|) kappa r_p max(|T_i-1|, |T_i|) |g|,   g the rate at which links turn against each other  (a)
     guides   mu(v) N |v|                                                                                         (b)
@@ -39,9 +39,7 @@ SLIP_LOSSES = "clutches and gear changes"
 
 
 def losses(drive: Drive, metrics: Mapping[str, Any]) -> dict[str, float]:
-    """Energy losses [J] over the window by group.
-
-    With `output_work`, `energy_change` and `energy_residual` they are the `input_work`.
+    """Energy losses [J] over the window by group: `input_work` less output, change and residual.
 
     Args:
         metrics: a variant's row.
@@ -69,7 +67,7 @@ def losses(drive: Drive, metrics: Mapping[str, Any]) -> dict[str, float]:
 
 
 class Loss(NamedTuple):
-    """Energy loss of a group, power and input share."""
+    """Energy loss of a group, power, share of the input."""
 
     energy: float
     power: float
@@ -77,7 +75,7 @@ class Loss(NamedTuple):
 
 
 def loss_shares(drive: Drive, metrics: Mapping[str, Any]) -> dict[str, Loss]:
-    """Losses by group, with power and input share."""
+    """Energy losses by group, with power and input share."""
     work = metrics.get("input_work")
     if work is None:
         return {}
@@ -92,13 +90,13 @@ Array = NDArray[np.float64]
 
 
 def friction_coefficient(rubbing: FrictionCoefficients, speed: Array) -> Array:
-    """Friction coefficients mu(v) at sliding speeds [m/s]."""
+    """Friction coefficient mu(v) at sliding speeds [m/s]."""
     part = np.asarray(speed) / rubbing.stribeck_speed
     return rubbing.dynamic + (rubbing.static - rubbing.dynamic) * np.exp(-part * part)
 
 
 def joint_turn_rates(trajectory: Trajectory) -> Array:
-    """Turn rates g (F, N) [rad/s] of links in joints."""
+    """Turn rates g (F, N) [rad/s] of joints."""
     position, velocity = require_channels(trajectory, "position", "velocity")
     across = np.roll(position, -1, axis=1) - position
     relative = np.roll(velocity, -1, axis=1) - velocity
@@ -108,7 +106,7 @@ def joint_turn_rates(trajectory: Trajectory) -> Array:
 
 
 def joint_loads(trajectory: Trajectory) -> Array:
-    """Force (F, N) [N] on each joint."""
+    """Force (F, N) [N] in each joint."""
     (tension,) = require_channels(trajectory, "tension")
     size = np.abs(np.asarray(tension, dtype=float))
     return np.maximum(size, np.roll(size, 1, axis=1))
@@ -175,7 +173,7 @@ def friction_power(trajectory: Trajectory) -> dict[str, Array]:
 
 
 def friction_power_by_group(parts: Drive | ChainModel, power: Mapping[str, Array]) -> dict[str, Array]:
-    """Friction powers (F,) [W] of joints, guides and teeth."""
+    """Friction power (F,) [W] by group: joints, guides, teeth."""
     groups = {
         "joints": ["joints"],
         "guides": [guide.name for guide in parts.guides],
@@ -186,7 +184,7 @@ def friction_power_by_group(parts: Drive | ChainModel, power: Mapping[str, Array
 
 
 def friction_power_over_speed(run: Run) -> tuple[Array, dict[str, Array]] | None:
-    """Driver speeds (V,) [rad/s] and friction power by group.
+    """Driver speeds (V,) [rad/s] and friction power by group, of a run.
 
     None with fewer than three speeds, several chains, unlike drivers, or where nothing rubs.
     """

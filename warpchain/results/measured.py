@@ -1,7 +1,4 @@
-"""A measured signal compared with a run's simulated one: laid over it, statistics and orders.
-
-Simulated values are of the recording's latter half; the rig turns at the run's mean speed.
-"""
+"""A measured signal compared with a run's simulated one: laid over it, statistics and orders."""
 
 from __future__ import annotations
 
@@ -36,7 +33,6 @@ from warpchain.results.strand_passing import strand_displacement
 Array = NDArray[np.float64]
 
 LINES_WITHIN = 2
-"""Spectral lines about an order that count."""
 
 
 class SignalSource(NamedTuple):
@@ -75,11 +71,7 @@ class SignalComparison:
 
 
 def signal_sources(trajectory: Trajectory) -> dict[str, SignalSource]:
-    """Simulated signals of a run by name, for comparison.
-
-    STRAND.tension, SPROCKET.speed, "link 7.tension" and so on; of several chains CHAIN.STRAND.tension, "CHAIN.link
-    7.tension".
-    """
+    """Sources of a run's simulated signals by name, "STRAND.tension"."""
     found: dict[str, SignalSource] = {}
     for chain, own in chain_trajectories(trajectory).items():
         found |= _chain_signal_sources(own, f"{chain}." if chain else "")
@@ -93,7 +85,7 @@ def signal_sources(trajectory: Trajectory) -> dict[str, SignalSource]:
 
 
 def signal_units(drive: Drive) -> dict[str, str]:
-    """SI units of simulated signals by name."""
+    """SI units of simulated signals, by name."""
     units: dict[str, str] = {}
     for before, chain in zip(drive.chain_prefixes, Model(drive).chains, strict=True):
         strands = {f"{before}{name}.{kind}": unit for name in chain.strand_names
@@ -109,7 +101,7 @@ def signal_units(drive: Drive) -> dict[str, str]:
 
 
 def _chain_signal_sources(trajectory: Trajectory, before: str) -> dict[str, SignalSource]:
-    """Simulated signals of a chain by name."""
+    """Sources of a chain's simulated signals, by name."""
     model = trajectory.model
     found: dict[str, SignalSource] = {}
     for k, name in enumerate(model.strand_names):
@@ -136,7 +128,7 @@ def _chain_signal_sources(trajectory: Trajectory, before: str) -> dict[str, Sign
 
 
 def _largest_contact_force(trajectory: Trajectory, part: int) -> Array:
-    """Largest contact force (F,) [N] of a part."""
+    """Largest contact force (F,) [N] of a part, to compare."""
     return largest_contact_forces(trajectory)[part]
 
 
@@ -147,7 +139,7 @@ def _signal_column(values: NDArray[np.floating] | None, index: int) -> Array:
 
 
 def signal_source(trajectory: Trajectory, name: str, option: str = "") -> SignalSource:
-    """Simulated signal of a run by name, for comparison.
+    """Source of a run's simulated signal, by name.
 
     Args:
         option: what precedes the name in errors, such as "--as ".
@@ -171,11 +163,13 @@ def signal_source(trajectory: Trajectory, name: str, option: str = "") -> Signal
 def compare_signals(trajectory: Trajectory, measured: MeasuredSignal, offset: float | None = 0.0) -> SignalComparison:
     """Comparison of a measured signal with the simulated one.
 
+    The recording's latter half counts; the rig turns at the run's mean speed.
+
     Args:
         offset: added to the measured time [s]; None takes the one of best correlation.
 
     Raises:
-        SimulationError: as `signal_source`.
+        SimulationError: as of `signal_source`.
     """
     of = signal_source(trajectory, measured.name)
     simulated = of.values()
@@ -217,7 +211,7 @@ def _measured_order_spectrum(trajectory: Trajectory, measured: MeasuredSignal) -
 def _excitation_order_amplitudes(
     trajectory: Trajectory, ours: tuple[Array, Array] | None, theirs: tuple[Array, Array] | None
 ) -> dict[float, tuple[str, float, float]]:
-    """Cause and amplitudes of both signals by excitation order."""
+    """Cause, simulated and measured amplitude of each excitation order."""
     if ours is None or theirs is None:
         return {}
     causes = {order.value: order.cause for order in excitation_orders(trajectory.drive)}
@@ -240,13 +234,13 @@ def _excitation_order_amplitudes(
 
 
 def _best_time_offset(time: Array, simulated: Array, measured: MeasuredSignal) -> float:
-    """Offset of measured time [s] of best correlation."""
+    """Offset of the measured time [s] that correlates best."""
     from scipy.signal import correlate
 
     step = max(float(np.diff(time).mean()), float(np.diff(measured.time).mean()))
 
     def even_samples(at: Array, values: Array) -> Any:
-        """Samples of a signal at even times, centered."""
+        """Samples of a signal at even times, less their mean."""
         where = np.arange(at[0], at[-1], step)
         held = np.interp(where, at, np.nan_to_num(values, nan=float(np.nanmean(values))))
         return held - held.mean()

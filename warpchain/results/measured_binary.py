@@ -26,9 +26,7 @@ from warpchain.results.measured_columns import MeasuredColumn, MeasuredColumns, 
 
 MOST_SIGNAL_VALUES = 2**25
 MOST_MEMORY = 2**33
-"""Memory of the process that reads a measured file."""
 MOST_READING_TIME = 300.0
-"""Time for reading a measured file [s]."""
 _MAT_NUMBER_CLASSES = (
     "int8",
     "uint8",
@@ -43,16 +41,14 @@ _MAT_NUMBER_CLASSES = (
     "logical",
 )
 _TIME_CHANNELS = ("time", "t", "Time")
-"""Names of MDF channels and MAT variables of time."""
 _HDF5_HEAD, _HDF5_PLACE = b"\x89HDF\r\n\x1a\n", 512
-"""First bytes of HDF5 in MAT files, and place."""
 
 
 def read_binary_columns(path: str | Path, columns: MeasuredColumns) -> tuple[MeasuredColumn, MeasuredColumn]:
-    """Time and value columns of a binary file, read apart.
+    """Time and value columns of a binary file, read in another process.
 
     Raises:
-        SimulationError: as `read_binary_columns_here`, or a file at which that process ended.
+        SimulationError: as of `read_binary_columns_here`, or a file at which that process ended.
     """
     if not can_start_python():
         return read_binary_columns_here(path, columns)
@@ -130,7 +126,7 @@ def _columns_from_mat(path: str | Path, columns: MeasuredColumns) -> tuple[Measu
 
 
 def _names_of_vectors(path: str | Path, columns: MeasuredColumns, lengths: dict[str, int]) -> list[str]:
-    """Names of time and values in a MAT file."""
+    """Names of time and values among a MAT file's vectors."""
     names = [(name, name) for name in lengths]
     at = column_index(path, names, columns.time, 0, "time")
     of = column_index(path, names, columns.column, (at + 1) % max(len(names), 2))
@@ -141,7 +137,7 @@ def _names_of_vectors(path: str | Path, columns: MeasuredColumns, lengths: dict[
 
 
 def _column_of_variable(path: str | Path, name: str, values: np.ndarray) -> MeasuredColumn:
-    """Measured column of a MAT variable's values."""
+    """Measured column of a MAT variable."""
     if values.dtype.kind not in "iuf":
         raise SimulationError(f"{path}: variable {name!r}: must hold real numbers")
     return name, "", require_bounded_values(path, name, values.astype(float))
@@ -169,7 +165,7 @@ def _columns_from_mat_of_hdf5(path: str | Path, columns: MeasuredColumns) -> tup
 
 
 def _named_columns(path: str | Path, columns: MeasuredColumns, names: list[str]) -> MeasuredColumns:
-    """Columns by name, for a measured file without order.
+    """Columns by name, of a measured file without order.
 
     Raises:
         SimulationError: it is not clear which these are.
@@ -180,7 +176,7 @@ def _named_columns(path: str | Path, columns: MeasuredColumns, names: list[str])
 
 
 def _only_name(path: str | Path, option: str, found: list[str], names: list[str]) -> str:
-    """The only name found in a measured file."""
+    """Only name that a measured file has of a kind."""
     if len(found) != 1:
         raise SimulationError(f"{path}: its variables have no order: say --{option}, one of {', '.join(names)}")
     return found[0]
@@ -265,11 +261,10 @@ COLUMN_READERS: dict[str, Callable[[str | Path, MeasuredColumns], tuple[Measured
     ".mdf": _columns_from_mdf,
     ".tdms": _columns_from_tdms,
 }
-"""Functions that read measured columns, by a file's ending."""
 
 
 def answer_read_request() -> None:
-    """Reads the measured file on standard input, and answers."""
+    """Reads the measured file named on standard input, and answers."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # the one who asks ends it
     with os.fdopen(os.dup(1), "wb") as answers:
         os.dup2(2, 1)
@@ -286,7 +281,7 @@ def answer_read_request() -> None:
 
 
 def _limit_memory() -> None:
-    """Bounds the reading process's memory, and forbids core dumps."""
+    """Bounds the memory of this process, and forbids core dumps."""
     with contextlib.suppress(ImportError, OSError, ValueError):  # a system without such bounds
         import resource
 

@@ -14,7 +14,7 @@ from warpchain.errors import SimulationError
 
 Array = NDArray[np.float64]
 MeasuredColumn = tuple[str, str, Array]
-"""Name, unit and values (K,) of a measured column."""
+"""Measured column: name, unit and values (K,)."""
 
 
 @dataclass(frozen=True)
@@ -40,7 +40,7 @@ class MeasuredColumns:
 def column_index(
     path: str | Path, names: list[tuple[str, str]], wanted: str | None, default: int, option: str = "column"
 ) -> int:
-    """Index of a measured file's column by name."""
+    """Index of a measured file's column, by name or number."""
     try:
         return column_place(names, wanted, default, option)
     except TableError as error:
@@ -48,7 +48,7 @@ def column_index(
 
 
 def require_bounded_values(path: str | Path, name: str, values: Array) -> Array:
-    """Values of a measured column, refused if too large."""
+    """Values of a measured column; raises if too large."""
     if (np.abs(values) > HUGE).any():
         raise SimulationError(f"{path}: {name}: must be finite numbers within {HUGE:g} of 0")
     return values

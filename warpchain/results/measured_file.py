@@ -24,12 +24,11 @@ SIGNAL_STATISTICS: dict[str, Callable[[Array], float]] = {
     "largest": lambda x: float(x.max()),
 }
 LATEST_TIME = 1e9
-"""Latest believable time of a measured signal [s]."""
 
 
 @dataclass(frozen=True)
 class MeasuredSignal:
-    """A measured signal from a rig.
+    """Signal measured on a rig.
 
     Attributes:
         name: what was measured, of `measured.signal_sources`.
@@ -47,7 +46,7 @@ class MeasuredSignal:
 def read_signal(path: str | Path, name: str, unit: str, columns: MeasuredColumns | None = None) -> MeasuredSignal:
     """Measured signal read from a file, in SI.
 
-    Instants without a value are left out, equal rounded times spread evenly, with a warning.
+    Instants without a value are left out, equal times spread, with a warning.
 
     Args:
         name: what was measured.
@@ -68,7 +67,7 @@ def read_signal(path: str | Path, name: str, unit: str, columns: MeasuredColumns
         path, f"the time, {head},", columns.time_unit or said or "s", "s", "must be a time; say --time-unit"
     )
     to_si = _unit_factor(path, column, columns.unit or its or unit, unit, f"{name} is in {unit}; say --unit")
-    time, signal = _without_gaps(path, head, to_seconds * time, to_si * signal)
+    time, signal = _values_without_gaps(path, head, to_seconds * time, to_si * signal)
     if len(time) < 2 or not (np.diff(time) >= 0.0).all() or time[0] == time[-1]:
         raise SimulationError(f"{path}: {head}: must ascend over at least two lines with values")
     if time[0] > LATEST_TIME:  # seconds since 1970, say
@@ -85,8 +84,8 @@ def read_signal(path: str | Path, name: str, unit: str, columns: MeasuredColumns
     return MeasuredSignal(name, unit, time, signal)
 
 
-def _without_gaps(path: str | Path, head: str, time: Array, signal: Array) -> tuple[Array, Array]:
-    """Times and values (K,) of a signal without gaps.
+def _values_without_gaps(path: str | Path, head: str, time: Array, signal: Array) -> tuple[Array, Array]:
+    """Times and values (K,) of a measured signal without gaps.
 
     Raises:
         SimulationError: a value without a time.
@@ -124,7 +123,7 @@ def _columns_of_text(path: str | Path, columns: MeasuredColumns) -> tuple[Measur
 
 
 def _check_first_column(table: TextTable) -> None:
-    """Raises TableError where another column is time."""
+    """Raises TableError if time is not the table's first column."""
     is_time = [
         head.name in TIME_NAMES or quantities.unit_factor(head.unit, "s") is not None or has_clock(table, k)
         for k, head in enumerate(table.heads)
@@ -136,7 +135,7 @@ def _check_first_column(table: TextTable) -> None:
 
 
 def _unit_factor(path: str | Path, what: str, given: str, si: str, hint: str) -> float:
-    """Factor that turns a measured column's unit into SI.
+    """Factor from a measured column's unit to SI.
 
     Raises:
         SimulationError: no such unit, or one of another kind.

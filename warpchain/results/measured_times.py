@@ -1,4 +1,4 @@
-"""Times of measured signals: dates and times of day as seconds, and equal, since rounded, times spread."""
+"""Times of measured signals: dates and times of day as seconds, equal times spread."""
 
 from __future__ import annotations
 
@@ -15,17 +15,16 @@ _CLOCK_PARTS = re.compile(
     r"(\d+):(\d+)(?::(\d+)(?:[.,](\d+))?)?(?: ?([AaPp])[Mm])?(?: ?(Z)|([+-])(\d{2}):?(\d{2}))?", re.ASCII
 )
 _ORDERS = {"year first": (0, 1, 2), "day first": (2, 1, 0), "month first": (2, 0, 1)}
-"""Places of year, month, day in dates."""
 
 
 def has_clock(table: TextTable, column: int) -> bool:
-    """Whether a text table's column holds dates or times."""
+    """Whether a measured column holds dates or times."""
     first = next((cell for cell in table.cells(column) if cell.lower() not in GAPS), "")
     return bool(first and re.search("[-/.:].*[-/.:]|:", first) and _INSTANT.fullmatch(first))
 
 
 def clock_seconds(table: TextTable, column: int) -> Array:
-    """Seconds (rows,) since the first of dates or times.
+    """Seconds (rows,) of a measured column's dates or times.
 
     A date beside a column of times of day is read with it.
 
@@ -42,7 +41,7 @@ def clock_seconds(table: TextTable, column: int) -> Array:
         if found is None and cell.lower() not in GAPS:
             raise TableError(f"line {line}: {cell!r} is no date or time of day like those above")
         parts.append(found if cell.lower() not in GAPS else None)
-    days = _days([part["date"] if part else None for part in parts], lines)
+    days = _day_numbers([part["date"] if part else None for part in parts], lines)
     # days and seconds are subtracted apart: an instant of this century would leave few digits for microseconds
     day = np.array(days, dtype=float)
     clock = np.array(
@@ -56,8 +55,8 @@ def clock_seconds(table: TextTable, column: int) -> Array:
     return 86400.0 * (day - day[first]) + (clock - clock[first])
 
 
-def _days(dates: list[str | None], lines: list[int]) -> list[int]:
-    """Day numbers of dates, 0 for none.
+def _day_numbers(dates: list[str | None], lines: list[int]) -> list[int]:
+    """Day numbers of measured dates, 0 for none.
 
     Raises:
         TableError: a date that is none, or day and month that cannot be told apart.
@@ -86,13 +85,13 @@ def _days(dates: list[str | None], lines: list[int]) -> list[int]:
 
 
 def _day_number(words: list[int], order: tuple[int, int, int]) -> int:
-    """Number of a date's day, or ValueError."""
+    """Day number of a date's three numbers; raises ValueError."""
     year, month, day = (words[place] for place in order)
     return date(year + 2000 if year < 100 else year, month, day).toordinal()
 
 
 def _seconds_of_day(text: str, line: int) -> float:
-    """Seconds from midnight to a time of day.
+    """Seconds from midnight of a time of day.
 
     Raises:
         TableError: there is no such time of day.
@@ -110,7 +109,7 @@ def _seconds_of_day(text: str, line: int) -> float:
 
 
 def spread_equal_times(time: Array) -> Array:
-    """Times (K,) of a measured signal, spread if equal."""
+    """Times (K,) of a measured signal, equal ones spread evenly."""
     starts = np.flatnonzero(np.append(True, np.diff(time) > 0.0))
     ends = np.append(time[starts[1:]], 0.0)
     counts = np.diff(np.append(starts, len(time)))

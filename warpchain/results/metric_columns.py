@@ -1,8 +1,4 @@
-"""Registry of metrics: every column of a metrics table, with its unit, title and formula.
-
-A new metric is a row here; one with a sum of its own, also a field in `kernels/structs.py` and a line of
-`kernels/sums.py`.
-"""
+"""Registry of metrics: every column of a metrics table, with its unit, title and formula."""
 
 from __future__ import annotations
 
@@ -62,12 +58,12 @@ PART_PREFIXES: dict[str, Callable[[ChainModel], list[str]]] = {
     "valve": lambda model: [f"{valves.name}." for valves in model.valves],
     "probe": lambda model: [f"{probe.name}." for probe in model.probes],
 }
-"""Functions that give metric prefixes of a drive's parts."""
+"""Functions that give metrics' prefixes, by kind of part."""
 
 
 @dataclass(frozen=True)
 class MetricGroup:
-    """Metric columns of one kind of part, formed alike."""
+    """Metric columns of one kind of part."""
 
     part: str  # key of `PART_PREFIXES`
     columns: tuple[Column, ...]
@@ -81,7 +77,7 @@ TENSION_QUANTILE_SHARES = {"q001": 0.001, "q01": 0.01, "q50": 0.5, "q99": 0.99, 
 
 @cache
 def standard_error_column(column: Column) -> Column:
-    """Metric column of a mean's standard error."""
+    """Metric column of the standard error of a mean."""
     assert column.value is not None
     title = f"standard error of the {column.title}"
     return Column(f"{column.name}{ERROR_SUFFIX}", column.unit, title, standard_error_of(column.value), is_aside=True)
@@ -519,7 +515,6 @@ RECORDED_METRICS = (
         ),
     ),
 )
-"""Metric columns of recorded variants."""
 REPORT_METRICS = (
     MetricGroup(
         "strand",
@@ -564,7 +559,6 @@ REPORT_METRICS = (
         ),
     ),
 )
-"""Metric columns of engineering reports."""
 
 WINDOW_METRICS = (
     (CHAIN_TENSION_METRICS,),
@@ -579,7 +573,6 @@ WINDOW_METRICS = (
     (VALVE_METRICS,),
     (JOINT_METRICS, GOODS_METRICS),
 )
-"""Metric columns formed of a window's sums."""
 DESIGN_METRICS = (
     (MetricGroup("chain", (PEAK_FACTOR,)),),
     (FRICTION_POWER_METRICS,),
@@ -590,7 +583,6 @@ DESIGN_METRICS = (
     (MetricGroup("sprocket", (IMPACT_IMPULSE,)),),
     *((group,) for group in RESOLUTION_METRICS),
 )
-"""Metric columns that designs are judged by."""
 
 GroupBlocks = tuple[tuple[MetricGroup, ...], ...]
 ALL_METRICS: GroupBlocks = (
@@ -601,12 +593,10 @@ ALL_METRICS: GroupBlocks = (
     (ENGAGED_METRICS,),
     (SETTLING_METRICS,),
 )
-"""Metrics of a whole run of a variant."""
 MODE_METRICS = (
     Column("frequency", "Hz", "natural frequency of a mode of the base drive, found again by its shape"),
     Column("damping_ratio", "1", "damping ratio of that mode"),
 )
-"""Metric columns of modes (`modes.NAME.frequency`)."""
 COLUMN_BY_NAME = {
     c.name: c
     for groups in (REPORT_METRICS, *ALL_METRICS, (RUN_METRICS,), RECORDED_METRICS)
@@ -615,11 +605,10 @@ COLUMN_BY_NAME = {
 }
 COLUMN_BY_NAME |= {c.name: c for c in MODE_METRICS}
 OWN_COLUMNS: dict[str, Column] = {}
-"""Columns of plug-ins' metrics, by name (`results.own_metrics`)."""
 
 
 def groups_of_drive(model: ChainModel, blocks: GroupBlocks = ALL_METRICS) -> list[tuple[str, int, MetricGroup]]:
-    """Metric groups of a drive, with prefix and index."""
+    """Metric groups of a chain's parts, with prefix and index."""
     return [
         (prefix, index, group)
         for groups in blocks
@@ -630,20 +619,19 @@ def groups_of_drive(model: ChainModel, blocks: GroupBlocks = ALL_METRICS) -> lis
 
 
 CHAIN_PARTS = ("chain", "strand")
-"""Parts whose metrics begin with their chain's name."""
+"""Parts whose metrics begin with the chain's name."""
 CHAIN_BALANCE_NAMES = ("links.dissipated",)
-"""Energy balance's metric columns of chains."""
 
 CONDITIONAL_GROUPS = tuple(group for groups in ALL_METRICS for group in groups if group.applies_to is not None)
 
 
 def _columns_key(drive: Drive) -> Hashable:
-    """Key of drives with equal metric columns."""
+    """Key that drives with equal metric columns share."""
     return tuple((chain.name, _chain_columns_key(chain)) for chain in Model(drive).chains)
 
 
 def _chain_columns_key(model: ChainModel) -> Hashable:
-    """Key of a chain's columns, its energy balance's terms and its driver."""
+    """Key that chains with equal metric columns share."""
     has = (
         group.applies_to(model, i)
         for group in CONDITIONAL_GROUPS
@@ -660,7 +648,7 @@ def _chain_columns_key(model: ChainModel) -> Hashable:
 def variants_by_columns(
     drives: Sequence[Drive], stacks: Sequence[Stack[Drive]] | None = None
 ) -> list[NDArray[np.int64]]:
-    """Numbers of drives, grouped by equal metric columns."""
+    """Numbers of drives, in groups of equal metric columns."""
     kinds: dict[Hashable, list[NDArray[np.int64]]] = {}
     for stack in stacks_of_drives(drives) if stacks is None else stacks:
         kinds.setdefault(_columns_key(drives[int(stack.members[0])]), []).append(stack.members)
@@ -668,7 +656,7 @@ def variants_by_columns(
 
 
 def metric_names(drive: Drive) -> list[str]:
-    """Names of the metrics that a drive has, those of plug-ins last."""
+    """Names of a drive's metrics, those of plug-ins last."""
     load_installed_plugins()
     chains, found = Model(drive).chains, []
     if len(chains) == 1:
@@ -683,29 +671,29 @@ def metric_names(drive: Drive) -> list[str]:
 
 
 def metric_table_names(drive: Drive) -> list[str]:
-    """Names of all columns of the metrics of a drive's run, in order."""
+    """Names of a drive's metrics table's columns, in order."""
     return [*(column.name for column in RUN_METRICS.columns), *metric_names(drive)]
 
 
 def column_of_metric(name: str) -> Column | None:
-    """Registry's column of a metric's name, which may begin with its chain's or part's, or None."""
+    """Registered column of a metric's name, with any prefix, or None."""
     parts = name.split(".")
     tails = (".".join(parts[k:]) for k in range(len(parts)))
     return next((COLUMN_BY_NAME[tail] for tail in tails if tail in COLUMN_BY_NAME), None)
 
 
 def columns_of_metrics(names: Iterable[str]) -> dict[str, Column]:
-    """Registry's columns of metrics by name, or plain ones."""
+    """Registered columns of metrics by name, or plain ones."""
     return {name: column_of_metric(name) or Column(name, "1", name) for name in names}
 
 
 def unit_of_metric(name: str) -> str:
-    """Unit of a metric by its name."""
+    """Unit of a metric, by name."""
     return columns_of_metrics([name])[name].unit
 
 
 def title_of_metric(name: str) -> str:
-    """Title of a metric: "camshaft: mean angular velocity"."""
+    """Title of a metric, by name: "camshaft: mean angular velocity"."""
     column = column_of_metric(name)
     if column is None:
         return name

@@ -1,13 +1,4 @@
-"""Formulas of metrics: from sums over the window, from the energy balance, and from one another.
-
-With E the energy that contacts dissipate, n_d the driver's revolutions, n_s tooth passings, m a roller's mass:
-
-    peak factor    = largest over mean tension                                                                (a)
-    contact energy per revolution = E / n_d, a wear index                                                     (b)
-    impact impulse = sqrt(2 m E / n_s), a proxy of noise                                                      (c)
-    friction power = friction losses over the window's length                                                 (d)
-    rated use      = the driver's mean moment times its mean speed over the rated power                       (e)
-"""
+"""Formulas of metrics: from sums over the window, from the energy balance, and from one another (docs/metrics.md)."""
 
 from __future__ import annotations
 
@@ -37,9 +28,8 @@ if TYPE_CHECKING:
     from warpchain.model import ChainModel
 
 STEP_KEY = "run.step"
-"""Key of the step [s] among `DesignInputs`; no column."""
 VariantValues = Any
-"""A number, an array of one number a variant (V,), or their column (`ColumnValues`)."""
+"""Numbers (V,), one for all, or their column."""
 
 
 class LazyFields(dict[str, Any]):
@@ -61,7 +51,7 @@ class ColumnValues(NamedTuple):
     missing: NDArray[np.bool_]  # (V,)
 
     def filled(self, value: float) -> NDArray[Any]:
-        """Values of the metric, with another one where they are missing."""
+        """Values of the metric column, missing ones replaced."""
         return np.where(self.missing, value, self.values)
 
 
@@ -77,8 +67,8 @@ class Column:
     is_aside: bool = False  # whether studies analyze it only by name
 
 
-def column_of(value: VariantValues, missing: Any = False) -> ColumnValues:
-    """Column of a metric formula's value, missing where the formula says so, or `missing` does."""
+def column_of_value(value: VariantValues, missing: Any = False) -> ColumnValues:
+    """Column of a metric formula's value, with what is missing."""
     if isinstance(value, ColumnValues):
         return ColumnValues(value.values, value.missing | missing)
     found = np.asarray(value)
@@ -86,19 +76,19 @@ def column_of(value: VariantValues, missing: Any = False) -> ColumnValues:
 
 
 def columns_of_formulas(columns: Iterable[Column], of: Any, missing: Any = False) -> dict[str, ColumnValues]:
-    """Columns by name from what their formulas take, missing where a formula says so, or `missing` does."""
-    return {column.name: column_of(column.value(of), missing) for column in columns if column.value}
+    """Columns of metric formulas by name, with what is missing."""
+    return {column.name: column_of_value(column.value(of), missing) for column in columns if column.value}
 
 
 def mask_absent(given: ArrayLike, values: ArrayLike) -> ColumnValues:
     """Column of metric values, missing where not given."""
-    return column_of(values, np.logical_not(given))
+    return column_of_value(values, np.logical_not(given))
 
 
 def number_of_each_drive(
     drives: Sequence[Of], stacks: Sequence[Stack[Of]] | None, value: Callable[..., Any], *given: NDArray[Any]
 ) -> NDArray[np.float64]:
-    """Number of each drive, or chain of a drive (V,), by stacks at once.
+    """Number (V,) of each drive or chain, computed by stacks.
 
     Args:
         value: function of a drive, or of a stack, and of `given`.
@@ -111,13 +101,13 @@ def number_of_each_drive(
 
 
 def partner_names(model: ChainModel) -> list[str]:
-    """Names of the sprockets, then guides, that rollers touch."""
+    """Names of sprockets, then guides, that rollers touch."""
     return [sprocket.name for sprocket in model.sprockets] + [guide.name for guide in model.guides]
 
 
 @dataclass(frozen=True)
 class WindowSums:
-    """Sums of some parts of V variants over the window, for metrics; R rows, V times the parts."""
+    """Sums over the window in R rows: V variants times some parts."""
 
     sums: Any  # (R,) rows of the group's sums, a variant's parts one after the other
     weight: VariantValues  # (R,) what means divide by: samples, or the window's length [s]
@@ -132,32 +122,33 @@ class WindowSums:
 
 
 def sum_of(field: str) -> Callable[[WindowSums], VariantValues]:
-    """Formula of a metric: sum over the window."""
+    """Metric formula: sum over the window."""
     return lambda of: of.sums[field]
 
 
 def flow_of(*fields: str) -> Callable[[WindowSums], VariantValues]:
-    """Formula of a metric: a tensioner's oil flow."""
+    """Metric formula: oil flow of a tensioner."""
     return lambda of: sum(of.sums["flows"][field] for field in fields)
 
 
 def chamber_filling_time(of: WindowSums) -> VariantValues:
-    """Metric time (V,) [s] until a chamber was filled."""
+    """Metric: time (V,) [s] until a tensioner's chamber was filled."""
     flows = of.sums["flows"]
     return mask_absent(flows["unfilled"] == 0, flows["filling"])
 
 
 def mean_of(field: str, component: int | None = None) -> Callable[[WindowSums], VariantValues]:
-    """Formula of a metric: mean over the window."""
+    """Metric formula: mean over the window."""
     if component is not None:
         return lambda of: of.sums[field][..., component] / of.weight
     return lambda of: of.sums[field] / of.weight
 
 
 def deviation_of(field: str) -> Callable[[WindowSums], VariantValues]:
-    """Formula of a metric: standard deviation over the window."""
+    """Metric formula: standard deviation over the window."""
 
     def formula(of: WindowSums) -> VariantValues:
+        """Standard deviation (R,) of a sum's field."""
         center = of.sums[field] / of.weight
         return np.sqrt(np.maximum(of.sums[f"{field}_square"] / of.weight - center * center, 0.0))
 
@@ -165,18 +156,18 @@ def deviation_of(field: str) -> Callable[[WindowSums], VariantValues]:
 
 
 def rms_of(field: str) -> Callable[[WindowSums], VariantValues]:
-    """Formula of a metric: root mean square."""
+    """Metric formula: root mean square over the window."""
     return lambda of: np.sqrt(of.sums[f"{field}_square"] / of.weight)
 
 
 LEAST_TURNOVER = 1e-3
-"""Least energy to divide by, over that stored."""
 
 
 def tension_quantile_of(share: float) -> Callable[[WindowSums], VariantValues]:
-    """Formula of a metric: quantile of link tensions."""
+    """Metric formula: quantile of link tensions."""
 
     def formula(of: WindowSums) -> VariantValues:
+        """Quantile (R,) of link tensions [N]."""
         assert of.tension is not None
         return histogram_quantile(
             *of.tension, of.sums["tension_min"], of.sums["tension_max"], share, of.cumulative_tension_counts
@@ -186,9 +177,10 @@ def tension_quantile_of(share: float) -> Callable[[WindowSums], VariantValues]:
 
 
 def tension_share_below_value(value: float) -> Callable[[WindowSums], VariantValues]:
-    """Formula of a metric: share of tensions below."""
+    """Metric formula: share of link tensions below a value [N]."""
 
     def formula(of: WindowSums) -> VariantValues:
+        """Share (R,) of link tensions below the value."""
         assert of.tension is not None
         return histogram_share_below(
             *of.tension, of.sums["tension_min"], of.sums["tension_max"], value, of.cumulative_tension_counts
@@ -198,9 +190,10 @@ def tension_share_below_value(value: float) -> Callable[[WindowSums], VariantVal
 
 
 def standard_error_of(mean: Callable[[WindowSums], VariantValues]) -> Callable[[WindowSums], VariantValues]:
-    """Formula of a metric: standard error of a mean."""
+    """Metric formula: standard error of a mean's formula."""
 
     def formula(of: WindowSums) -> VariantValues:
+        """Standard error (R,) of the mean, missing if unknown."""
         if of.batches is None:
             return mask_absent(np.zeros(len(of.sums), bool), np.zeros(len(of.sums)))
         error = mean_standard_error(mean(of.batches), of.batches.weight)
@@ -211,7 +204,7 @@ def standard_error_of(mean: Callable[[WindowSums], VariantValues]) -> Callable[[
 
 @dataclass(frozen=True)
 class DriftMeans:
-    """Batch means (V, batches) of tension and speeds."""
+    """Batch means (V, batches) of tension and speeds, for drifts."""
 
     tension: NDArray[np.float64]  # of the chain [N]
     speeds: Sequence[NDArray[np.float64]]  # of each sprocket [rad/s]
@@ -219,19 +212,19 @@ class DriftMeans:
 
     @property
     def tension_change(self) -> VariantValues:
-        """Change (V,) [N] of mean tension over the window."""
+        """Metric: change (V,) [N] of mean tension over the window."""
         found = window_change(self.tension, self.waves)
         return mask_absent(np.isfinite(found), found)
 
     @property
     def tension_change_chance(self) -> VariantValues:
-        """Probability (V,) of so large a tension change."""
+        """Metric: chance (V,) of so large a tension change."""
         _, chance = window_drift(self.tension)
         return mask_absent(np.isfinite(chance), chance)
 
     @property
     def is_steady(self) -> VariantValues:
-        """Whether neither tension nor speeds drift (V,)."""
+        """Metric: whether neither tension nor speeds drift (V,)."""
         each = np.all([is_steady(means) for means in (self.tension, *self.speeds)], axis=0)
         return mask_absent(np.isfinite(self.tension).all(axis=-1), each)
 
@@ -254,20 +247,20 @@ class EnergyBalance:
 
     @property
     def efficiency(self) -> VariantValues:
-        """Efficiency, output over output and losses, or missing."""
+        """Output over output and losses, or missing."""
         taken = self.output + self.dissipated
         given = (self.output >= 0.0) & (taken > 0.0)
         return mask_absent(given, self.output / np.where(given, taken, 1.0))
 
     @property
     def relative_change(self) -> VariantValues:
-        """Change of energy over losses."""
+        """Change of the energy over the losses."""
         losses = np.maximum(self.dissipated, LEAST_TURNOVER * abs(self.stored))
         return np.where(losses == 0.0, 0.0, self.change / np.where(losses == 0.0, 1.0, losses))
 
     @property
     def relative_residual(self) -> VariantValues:
-        """Residual of energy over half the balance's terms."""
+        """Residual over half the sum of the balance's terms."""
         turnover = 0.5 * (abs(self.input) + abs(self.output) + self.dissipated + abs(self.change))
         turnover = np.maximum(turnover, LEAST_TURNOVER * abs(self.stored))
         return np.where(turnover == 0.0, 0.0, self.residual / turnover)
@@ -284,17 +277,17 @@ class DesignInputs:
     index: int  # of the part
 
     def __getitem__(self, name: str) -> NDArray[Any]:
-        """Another metric of the part (V,), or nan."""
+        """Other metric (V,) of the part, or nan."""
         found = self.metrics.get(self.prefix + name)
         return np.full(len(self.models), np.nan) if found is None else found.filled(np.nan)
 
     def has_metrics(self, *names: str) -> NDArray[np.bool_]:
-        """Whether other metrics of the part are given (V,)."""
+        """(V,) whether the part has other metrics."""
         found = [self.metrics.get(self.prefix + name) for name in names]
         return np.all([np.zeros(len(self.models), bool) if of is None else ~of.missing for of in found], axis=0)
 
     def number_of_each(self, value: Callable[[ChainModel], Any]) -> NDArray[np.float64]:
-        """A number of each drive (V,), computed by stacks."""
+        """Number (V,) of each model, computed by stacks."""
         return number_of_each_drive(self.models, self.stacks, value)
 
     @property
@@ -314,19 +307,19 @@ class DesignInputs:
 
 
 def peak_factor(of: DesignInputs) -> VariantValues:
-    """Metric largest over mean tension (V,), (a)."""
+    """Metric: largest over mean tension (V,)."""
     return mask_absent(of["tension_mean"] > 0.0, of["tension_max"] / of["tension_mean"])
 
 
 def displacement_std(of: DesignInputs) -> VariantValues:
-    """Metric standard deviation of a strand's displacement (V,) [m]."""
+    """Metric: standard deviation of a strand's displacement (V,) [m]."""
     center, root = of["displacement_mean"], of["displacement_rms"]
     spread = np.sqrt(np.maximum(root * root - center * center, 0.0))
     return mask_absent(of.has_metrics("displacement_mean", "displacement_rms"), spread)
 
 
 def contact_energy_per_revolution(of: DesignInputs) -> VariantValues:
-    """Metric contact energy a revolution (V,) [J]."""
+    """Metric: energy that contacts dissipate in a driver's revolution (V,) [J]."""
     model = of.models[0]
     revolutions = of.sprocket_turns(model.driver)
     prefixes = [of.prefix] if of.prefix else [f"{name}." for name in partner_names(model)]
@@ -335,7 +328,7 @@ def contact_energy_per_revolution(of: DesignInputs) -> VariantValues:
 
 
 def total_friction_power(of: DesignInputs) -> VariantValues:
-    """Metric friction power (V,) [W], (d)."""
+    """Metric: friction losses over the window's length (V,) [W]."""
     model = of.models[0]
     names = ["joints.friction", *(f"{name}.friction" for name in partner_names(model))]
     rubbed = sum(of.metrics[name].values for name in names if name in of.metrics)
@@ -344,23 +337,23 @@ def total_friction_power(of: DesignInputs) -> VariantValues:
 
 
 def rated_use(of: DesignInputs) -> VariantValues:
-    """Metric driver power over rated power (V,) [-], (e)."""
+    """Metric: driver's mean power over the chain's rated power (V,) [-]."""
     first = of.models[0]
     name = first.sprockets[first.driver].name
     moment, speed = (of.metrics[f"{name}.{column}"].values for column in ("moment_mean", "speed_mean"))
     moves = speed != 0.0
 
-    def rated(model: ChainModel, speed: Any) -> Any:
+    def rated_power_at_speed(model: ChainModel, speed: Any) -> Any:
         """Rated power [W] at the driver's speed [rad/s]."""
         teeth = model.sprockets[smallest_driven(model)].teeth
         assert model.chain.size is not None  # the metric's own condition
         return rated_power(model.chain.size, teeth, speed * model.sprockets[model.driver].teeth / teeth).least
 
-    power = number_of_each_drive(of.models, of.stacks, rated, np.where(moves, np.abs(speed), 1.0))
+    power = number_of_each_drive(of.models, of.stacks, rated_power_at_speed, np.where(moves, np.abs(speed), 1.0))
     return mask_absent(moves, np.abs(moment * speed) / power)
 
 
 def impact_impulse(of: DesignInputs) -> VariantValues:
-    """Metric impact impulse of a sprocket (V,) [N s]."""
+    """Metric: impact impulse (V,) [N s], sqrt(2 m E), E dissipated at a tooth passing."""
     passings = of.tooth_count(of.index) * of.sprocket_turns(of.index)
     return mask_absent(passings > 0.0, np.sqrt(2.0 * of.roller_mass * np.maximum(of["dissipated"], 0.0) / passings))

@@ -1,7 +1,4 @@
-"""Table of metrics: one row a variant, from the kernels' sums over the window.
-
-Columns and formulas are in the registry (`results.metric_columns`).
-"""
+"""Table of metrics: one row a variant, from the kernels' sums over the window."""
 
 from __future__ import annotations
 
@@ -41,7 +38,7 @@ from warpchain.results.metric_formulas import (
     EnergyBalance,
     LazyFields,
     WindowSums,
-    column_of,
+    column_of_value,
     columns_of_formulas,
     mask_absent,
     number_of_each_drive,
@@ -55,14 +52,13 @@ if TYPE_CHECKING:
 
 Row = dict[str, Any]
 Columns = dict[str, ColumnValues]
-"""Metric columns (V,) by name."""
 ColumnBlocks = list[tuple[NDArray[np.int64], Columns]]
-"""Numbers of variants of equal metric columns, with these."""
+"""Numbers of variants with equal metric columns, and these."""
 
 
 @dataclass(frozen=True)
 class VariantEnds(Generic[Of]):
-    """Ends of V variants, or of a chain of each: steps, states, settling, causes."""
+    """Ends of V variants or chains: steps, states, settling, causes."""
 
     drives: Sequence[Of]  # (V,)
     schedules: Sequence[Schedule]  # (V,) when they step and are measured
@@ -92,7 +88,7 @@ class VariantEnds(Generic[Of]):
         )
 
     def number_of_each(self, value: Callable[[Of], Any]) -> NDArray[Any]:
-        """A number of each drive (V,), computed by stacks."""
+        """Number (V,) of each drive, computed by stacks."""
         return number_of_each_drive(self.drives, self.stacks, value)
 
     def _stacks_among(self, variants: NDArray[np.intp]) -> list[Stack[Of]] | None:
@@ -109,7 +105,7 @@ class VariantEnds(Generic[Of]):
 
     @cached_property
     def _stack_places(self) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-        """Stack of each variant, and its place there (V,)."""
+        """Stack (V,) of each variant, and place in it (V,)."""
         number, place = np.zeros((2, len(self.drives)), dtype=np.int64)
         for k, stack in enumerate(self.stacks or ()):
             number[stack.members], place[stack.members] = k, np.arange(len(stack.members))
@@ -117,25 +113,25 @@ class VariantEnds(Generic[Of]):
 
     @cached_property
     def is_measured(self) -> NDArray[np.bool_]:
-        """(V,) whether variants ended their window."""
+        """(V,) whether each variant ended its window."""
         return (self.steps > self.schedule_column("window_end")) & ~self.diverged
 
     def schedule_column(self, field: str) -> NDArray[Any]:
-        """One field of the variants' schedules (V,)."""
+        """Field (V,) of the variants' schedules."""
         return self._schedule_columns.columns[field]
 
     @cached_property
     def _schedule_columns(self) -> Schedules:
-        """Schedules of the variants, as columns."""
+        """Schedules of the variants as columns."""
         return schedules_as_columns(self.schedules)
 
 
 def join_ends(ends: Sequence[VariantEnds[Drive]], numbers: Sequence[NDArray[np.int64]]) -> VariantEnds[Drive]:
-    """Ends of groups of variants, as of one run."""
+    """Ends of a run's variants, joined from groups."""
     order = np.argsort(np.concatenate(numbers))
 
     def values_in_order(each: Sequence[Sequence[Any]]) -> list[Any]:
-        """Values of the groups' variants in run order."""
+        """Values of groups' variants in the run's order."""
         values = [value for some in each for value in some]
         return [values[v] for v in order.tolist()]
 
@@ -159,15 +155,15 @@ def run_columns(ended: VariantEnds[Any]) -> Columns:
     """Metric columns on divergence and window [s]."""
     step = ended.schedule_column("step")
     return {
-        "diverged": column_of(ended.diverged),
+        "diverged": column_of_value(ended.diverged),
         "diverged_time": mask_absent(ended.diverged, ended.steps * step),
-        "window_start": column_of(ended.schedule_column("window_start") * step),
-        "window_end": column_of(ended.schedule_column("window_end") * step),
+        "window_start": column_of_value(ended.schedule_column("window_start") * step),
+        "window_end": column_of_value(ended.schedule_column("window_end") * step),
     }
 
 
 def window_columns(ended: VariantEnds[ChainModel], sums: Mapping[str, Any]) -> Columns:
-    """Metric columns formed of sums over the window."""
+    """Metric columns of sums over the window."""
     columns: Columns = {}
     duration = (ended.schedule_column("window_end") - ended.schedule_column("window_start")) * ended.schedule_column(
         "step"
@@ -194,17 +190,17 @@ def _group_columns(
     parts: list[int],
     each: tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.bool_]],
 ) -> dict[str, ColumnValues]:
-    """Metric columns (V, parts) of a group, for all its parts at once.
+    """Metric columns (V, parts) of a group of parts.
 
     Args:
-        parts: indices of the drive's parts that have the group.
-        each: (V,) length of the window [s], links, and whether the window is long enough for errors.
+        parts: indices of the parts that have the group.
+        each: (V,) length of the window [s], links, and whether errors can be given.
     """
     count = len(parts)
     duration, links, long = (np.repeat(values, count) for values in each)
 
     def rows_of(values: NDArray[Any]) -> NDArray[Any]:
-        """Rows (R, ...) of the parts, a variant's one after the other, from values of all parts (V, all, ...)."""
+        """Rows (R, ...) of the group's parts from values of all (V, all, ...)."""
         own = values if values.shape[1] == count else values[:, parts]
         return own.reshape(-1, *values.shape[2:])
 
@@ -278,7 +274,7 @@ def energy_balance(model: ChainModel, sums: Mapping[str, Any]) -> EnergyBalance:
 def design_metric_columns(
     models: Sequence[ChainModel], metrics: Columns, stacks: Sequence[Stack[ChainModel]] | None = None
 ) -> Columns:
-    """Metric columns that designs are judged by."""
+    """Metric columns that follow from other metrics."""
     columns: Columns = {}
     with np.errstate(all="ignore"):
         for prefix, index, group in groups_of_drive(models[0], DESIGN_METRICS):
@@ -288,15 +284,15 @@ def design_metric_columns(
 
 
 def engaged_columns(ended: VariantEnds[ChainModel]) -> Columns:
-    """Metric columns of wraps' shares on teeth (V,)."""
+    """Metric columns on wraps' shares on teeth (V,)."""
     if ended.engaged is None:
         return {}
     groups = groups_of_drive(ended.drives[0], ((ENGAGED_METRICS,),))
-    return {prefix + c.name: column_of(ended.engaged[:, s]) for prefix, s, group in groups for c in group.columns}
+    return {prefix + c.name: column_of_value(ended.engaged[:, s]) for prefix, s, group in groups for c in group.columns}
 
 
 def metrics_of_variants(ended: VariantEnds[ChainModel], sums: Mapping[str, Any]) -> Columns:
-    """Metric columns of V variants of equal columns.
+    """Metric columns of V variants, of one chain each.
 
     Args:
         sums: by name, with batches, parts and tension counts, as of the engine's `split_sums`.
@@ -306,7 +302,7 @@ def metrics_of_variants(ended: VariantEnds[ChainModel], sums: Mapping[str, Any])
         columns = window_columns(ended, sums)
         columns |= columns_of_formulas(STEADY_METRICS.columns, drift_means(ended, sums))
         columns |= columns_of_formulas(BALANCE_METRICS.columns, energy_balance(model, sums))
-        known = run_columns(ended) | {STEP_KEY: column_of(ended.schedule_column("step"))} | columns
+        known = run_columns(ended) | {STEP_KEY: column_of_value(ended.schedule_column("step"))} | columns
         columns |= design_metric_columns(ended.drives, known, ended.stacks)
     columns |= engaged_columns(ended)
     absent = ~ended.is_measured
@@ -315,15 +311,14 @@ def metrics_of_variants(ended: VariantEnds[ChainModel], sums: Mapping[str, Any])
     if ended.settle_force is not None:
         settled["settle_force"] = ended.settle_force
     names = (column.name for _, _, group in groups_of_drive(model, ((SETTLING_METRICS,),)) for column in group.columns)
-    return columns | {name: column_of(settled[name]) for name in names if name in settled}
+    return columns | {name: column_of_value(settled[name]) for name in names if name in settled}
 
 
 ChainEnds = tuple[VariantEnds[ChainModel], Mapping[str, Any]]
-"""Ends of one chain of variants, and its sums."""
 
 
 def metrics_of_chains(prefixes: Sequence[str], parts: Sequence[ChainEnds]) -> Columns:
-    """Metric columns of V variants of several chains."""
+    """Metric columns of V variants, of several chains each."""
     columns: Columns = {}
     balances, measured = [], parts[0][0].is_measured
     for prefix, (ended, sums) in zip(prefixes, parts, strict=True):
@@ -343,7 +338,7 @@ def metrics_of_chains(prefixes: Sequence[str], parts: Sequence[ChainEnds]) -> Co
 def metric_blocks(
     ended: VariantEnds[Drive], ends_of_chains: Callable[[NDArray[np.intp]], Sequence[ChainEnds]]
 ) -> ColumnBlocks:
-    """Metric columns of all variants, in blocks.
+    """Metric columns of all variants, in blocks of equal columns.
 
     Args:
         ends_of_chains: ends and sums of each chain of some variants.
@@ -359,8 +354,8 @@ def metric_blocks(
 def metrics_table(ended: VariantEnds[Drive], blocks: ColumnBlocks, limits: Limits | None = None) -> pa.Table:
     """Metrics table of all variants, judged by limits."""
     count = len(ended.drives)
-    known = {"variant": column_of(np.arange(count)), "status": column_of(np.zeros(count)),
-             "reason": column_of(np.zeros(count)), **run_columns(ended)}  # fmt: skip
+    known = {"variant": column_of_value(np.arange(count)), "status": column_of_value(np.zeros(count)),
+             "reason": column_of_value(np.zeros(count)), **run_columns(ended)}  # fmt: skip
     columns = {name: (of.filled(0), of.missing) for name, of in known.items()}
     places = {name: (-1, place) for place, name in enumerate(columns)}
     for variants, found in blocks:
@@ -382,13 +377,13 @@ def metrics_table(ended: VariantEnds[Drive], blocks: ColumnBlocks, limits: Limit
 
 
 def _split_variants(kinds: Iterable[NDArray[np.int64]]) -> Iterator[NDArray[np.int64]]:
-    """Variants of a kind, some at a time."""
+    """Variants of equal columns, some at a time."""
     for variants in kinds:
         yield from np.split(variants, range(LARGEST_STACK, len(variants), LARGEST_STACK))
 
 
 def table_from_rows(rows: Sequence[Row]) -> pa.Table:
-    """Pyarrow metrics table of rows, with units."""
+    """Metrics table of rows, with units."""
     names = dict.fromkeys(name for row in dict.fromkeys(map(tuple, rows)) for name in row)  # many have the same
     names.pop("variant", None)
     columns = {name: ([row.get(name) for row in rows], None) for name in names}
@@ -413,7 +408,7 @@ def select_metrics(table: pa.Table, rows: Sequence[int | None], wanted: Callable
 
 
 def _arrow_column(kind: type, values: Any, missing: NDArray[np.bool_] | None) -> pa.Array:
-    """Arrow column of values, null where missing."""
+    """Arrow column of metric values, null where missing."""
     import pyarrow as pa
 
     arrow = {float: pa.float64(), int: pa.int64(), bool: pa.bool_(), str: pa.string()}[kind]
@@ -430,7 +425,7 @@ def _arrow_column(kind: type, values: Any, missing: NDArray[np.bool_] | None) ->
 
 
 def _table_of_columns(columns: Mapping[str, tuple[Any, NDArray[np.bool_] | None]]) -> pa.Table:
-    """Pyarrow metrics table of columns by name, with nulls."""
+    """Metrics table of columns by name, with nulls."""
     known = columns_of_metrics(columns)
     arrays = {name: _arrow_column(known[name].kind, values, mask) for name, (values, mask) in columns.items()}
     return table_with_units(arrays, {name: column.unit for name, column in known.items()})

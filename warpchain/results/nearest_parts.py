@@ -24,7 +24,7 @@ class ContactForces(NamedTuple):
 
 
 def roller_contact_forces(trajectory: Trajectory, least: float = 0.0) -> tuple[ContactForces, ContactForces]:
-    """Contact forces of sprockets and guides above `least` [N]."""
+    """Contact forces above `least` [N] of sprockets, and of guides."""
     sprocket_force, guide_force = require_channels(trajectory, "sprocket_force", "guide_force")
     frame, roller = np.nonzero(sprocket_force > least)
     near, _ = nearest_sprockets_of_rollers(trajectory, frame, roller)
@@ -53,7 +53,7 @@ def nearest_sprockets_of_rollers(trajectory: Trajectory, frame: Index, roller: I
 
 
 def sprocket_normals(trajectory: Trajectory, s: int, frame: Index | None = None, roller: Index | None = None) -> Array:
-    """Unit vectors of sprocket contact forces (K, 2)."""
+    """Unit vectors (K, 2) of a sprocket's contact forces."""
     model, tooth = trajectory.model, trajectory.model.tooth(s)
     position, sprocket_center, sprocket_angle = require_channels(
         trajectory, "position", "sprocket_center", "sprocket_angle"
@@ -73,7 +73,7 @@ def sprocket_normals(trajectory: Trajectory, s: int, frame: Index | None = None,
 
 
 def nearest_guides_of_rollers(trajectory: Trajectory, frame: Index, roller: Index) -> tuple[Index, Array]:
-    """Nearest guide (K,) of each roller, and normal."""
+    """Nearest guide (K,) of each roller, and normal (K, 2)."""
     count = len(frame)
     near, normals, apart = np.zeros(count, dtype=np.intp), np.zeros((count, 2)), np.full(count, np.inf)
     for g in range(len(trajectory.model.guides)):
@@ -89,7 +89,7 @@ def nearest_guides_of_rollers(trajectory: Trajectory, frame: Index, roller: Inde
 
 
 def engaged_sprockets(trajectory: Trajectory, rollers: Index | None = None) -> Index:
-    """Sprocket (F, N) that rollers engage, -1 for none."""
+    """Sprocket (F, N) that each roller engages, -1 for none."""
     model = trajectory.model
     which = np.arange(model.chain.rollers) if rollers is None else rollers
     frame, roller = np.meshgrid(np.arange(len(trajectory.time)), which, indexing="ij")
@@ -99,7 +99,7 @@ def engaged_sprockets(trajectory: Trajectory, rollers: Index | None = None) -> I
 
 
 def contact_force_vectors(trajectory: Trajectory) -> tuple[Array, Array]:
-    """Contact forces (F, N, 2) [N] of sprockets and guides."""
+    """Contact forces (F, N, 2) [N] of sprockets, and of guides."""
     (position,) = require_channels(trajectory, "position")
     both = []
     for arrows in roller_contact_forces(trajectory):

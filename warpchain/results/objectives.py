@@ -1,10 +1,4 @@
-"""Objectives that need a recorded trajectory: transmission error, impact of engagement, fatigue.
-
-With theta the angles of driven sprocket s and driver d, z teeth, K the contact's stiffness, m a roller's mass:
-
-    transmission error       e(t) = theta_s - z_d theta_d / z_s, less its mean                                    (a)
-    engagement impulse       = mean over tooth passings of the integral of F over 2 pi sqrt(m / K) from first touch  (b)
-"""
+"""Objectives that need a recorded trajectory: transmission error, impact of engagement, fatigue (docs/metrics.md)."""
 
 from __future__ import annotations
 
@@ -28,7 +22,7 @@ Row = dict[str, float]
 
 
 def engagement_impulses(trajectory: Trajectory, s: int, start: float = 0.0) -> NDArray[np.float64]:
-    """Impulses (P,) [N s] of rollers' engagement, (b).
+    """Impulses (P,) [N s] of rollers' first touches on a sprocket, over 2 pi sqrt(m / K).
 
     Args:
         start: time from which touches count [s].
@@ -57,7 +51,7 @@ def engagement_impulses(trajectory: Trajectory, s: int, start: float = 0.0) -> N
 
 
 def trajectory_objectives(trajectory: Trajectory, start: float, end: float, woehler: Woehler | None = None) -> Row:
-    """Objectives of a recorded window [s] by name.
+    """Objectives of a recorded window [s], by name.
 
     Args:
         woehler: curve of a link; None leaves fatigue out.
@@ -75,7 +69,7 @@ def trajectory_objectives(trajectory: Trajectory, start: float, end: float, woeh
 
 
 def _chain_objectives(trajectory: Trajectory, start: float, end: float, woehler: Woehler | None) -> Row:
-    """Objectives of one chain's recording by name."""
+    """Objectives of one chain's recording, by name."""
     inside = (trajectory.time >= start - 1e-12) & (trajectory.time <= end + 1e-12)
     if inside.sum() < 3:
         raise SimulationError(f"objectives: {int(inside.sum())} frames from {start:g} to {end:g} s, at least 3 needed")
@@ -99,7 +93,7 @@ def _chain_objectives(trajectory: Trajectory, start: float, end: float, woehler:
 
 
 def _fatigue_objectives(part: Trajectory, woehler: Woehler) -> Row:
-    """Objectives of links' fatigue by name."""
+    """Objectives of links' fatigue, by name."""
     (tension,) = require_channels(part, "tension")
     seconds = float(part.time[-1] - part.time[0])
     cycles = count_links(tension)
@@ -119,7 +113,7 @@ def _fatigue_objectives(part: Trajectory, woehler: Woehler) -> Row:
 
 
 def add_objectives(run: Run, woehler: Woehler | None = None) -> pa.Table:
-    """Metrics table of a run, with recorded objectives.
+    """Metrics table of a run, with recorded variants' objectives.
 
     Args:
         woehler: curve of a link; None leaves fatigue out.

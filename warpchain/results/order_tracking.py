@@ -1,10 +1,8 @@
 """Order tracking: signals over the driver's angle, amplitudes of orders, averages over the working cycle.
 
-An order is a number of oscillations per revolution of the driver. Over whole periods of even angles, its amplitude is
+An order is a number of oscillations a revolution of the driver. Over whole periods of even angles, its amplitude is
 
-    a_o = 2/K |sum over samples of x_k exp(-2 pi i o n_k)|,   n_k the revolutions;                              (a)
-
-in a run-up, blocks less their straight line have a Hann window's weights for 1/K.
+    a_o = 2/K |sum over samples of x_k exp(-2 pi i o n_k)|,   n_k the revolutions.                              (a)
 """
 
 from __future__ import annotations
@@ -21,16 +19,13 @@ from warpchain.results.signals import forward_values
 Array = NDArray[np.float64]
 
 CYCLE_TURNS = 2.0
-"""Revolutions of the driver in a four-stroke working cycle."""
 LEAST_SAMPLES_A_TURN = 256
-"""Least samples of a revolution."""
 CYCLE_POINTS = 720
 BLOCK_TURNS = 8.0
-"""Revolutions of a run-up's block, for half orders."""
 
 
 def driver_turns(trajectory: Trajectory) -> Array:
-    """Forward revolutions (F,) of the driver."""
+    """Revolutions (F,) of the driver, forward."""
     (sprocket_angle,) = require_channels(trajectory, "sprocket_angle")
     angle = forward_values(trajectory.parts, sprocket_angle, trajectory.parts.driver)
     return (angle - angle[0]) / (2.0 * np.pi)
@@ -43,7 +38,7 @@ def last_rising_frames(turns: Array) -> slice:
 
 
 def resample_at_turns(turns: Array, values: Array, at: Array) -> Array:
-    """Samples (K,) of a signal at revolutions, by spline."""
+    """Signal (K,) at given revolutions of the driver, by spline."""
     from scipy.interpolate import CubicSpline
 
     finite = np.isfinite(values)
@@ -53,12 +48,12 @@ def resample_at_turns(turns: Array, values: Array, at: Array) -> Array:
 
 
 def _samples_a_turn(turns: Array) -> int:
-    """Samples of a revolution, to keep all frames."""
+    """Samples a revolution that keep all frames."""
     return max(LEAST_SAMPLES_A_TURN, int(np.ceil(1.0 / float(np.diff(turns).max()))))
 
 
 def order_amplitudes(turns: Array, values: Array, orders: Sequence[float]) -> Array | None:
-    """Amplitudes (O,) of orders over whole cycles, (a)."""
+    """Amplitudes (O,) of orders over whole working cycles, (a), or None."""
     cycles = int((turns[-1] - turns[0]) / CYCLE_TURNS * (1.0 + 1e-9))
     if cycles < 1 or not np.isfinite(values).all():
         return None
@@ -78,7 +73,7 @@ class OrderCuts(NamedTuple):
 
 
 def order_cuts(time: Array, turns: Array, values: Array, orders: Sequence[float]) -> OrderCuts:
-    """Amplitudes of orders in a run-up's blocks, over speed.
+    """Amplitudes of orders over speed, from a run-up's blocks.
 
     Args:
         time, turns: (F,) [s], ascending revolutions.

@@ -30,7 +30,7 @@ class DrivePose(NamedTuple):
 
 
 class OutlinePart(NamedTuple):
-    """Outline of a drive's part for a picture."""
+    """Outline of a drive's part for pictures."""
 
     kind: str  # "teeth", "guide", "arm", "spring", "housing" or "plunger"
     name: str  # of the sprocket, guide, arm or tensioner; of a spring that of its arm
@@ -39,10 +39,10 @@ class OutlinePart(NamedTuple):
 
 
 def pose_at_start(model: ChainModel, path: ChainPath | None = None) -> DrivePose:
-    """Pose of a drive's bodies around the unloaded chain.
+    """Pose of a drive's bodies as assembled, chain unloaded.
 
     Raises:
-        DriveError: as `chain_path`.
+        DriveError: as of `chain_path`.
     """
     path = chain_path(model) if path is None else path
     arms = np.zeros(len(model.arms))
@@ -64,13 +64,13 @@ def pose_at_frame(trajectory: Trajectory, f: int) -> DrivePose:
 
 
 def chain_line(model: ChainModel, points: NDArray[Any]) -> NDArray[Any]:
-    """Line (..., P + 1, 2) through points (..., P, 2) of the chain, closed unless it is open."""
+    """Line (..., P + 1, 2) of the chain through points, closed unless open."""
     first = points.shape[-2] - 1 if model.chain.is_open else 0
     return np.concatenate([points, points[..., first : first + 1, :]], axis=-2)
 
 
 def chain_outline(model: ChainModel, path: ChainPath) -> Array:
-    """Line (P, 2) [m] of the chain's path, closed unless it is open."""
+    """Line (P, 2) [m] of the chain's path."""
     spacing, line = 0.25 * model.chain.pitch, []
     for s, sprocket in enumerate(model.sprockets):
         count = math.ceil(path.wrap_angle[s] * path.radius[s] / spacing) + 1
@@ -83,7 +83,7 @@ def chain_outline(model: ChainModel, path: ChainPath) -> Array:
 
 
 def teeth_parts(model: ChainModel, pose: DrivePose, arc_points: int = 9) -> list[OutlinePart]:
-    """Outlines of the sprockets' teeth, where the sprockets stand."""
+    """Outlines of sprockets' teeth in a pose."""
     turns = zip(model.sprockets, pose.center, pose.angle, strict=True)
     return [
         OutlinePart(
@@ -132,7 +132,7 @@ def guide_arm_tensioner_parts(model: ChainModel, pose: DrivePose) -> list[Outlin
 
 
 def tooth_outline(model: ChainModel, s: int, arc_points: int = 9) -> Array:
-    """Closed outline (P, 2) [m] of a sprocket's teeth, or of the hole or the rim that an end is."""
+    """Closed outline (P, 2) [m] of a sprocket's teeth, or an end."""
     if model.sprockets[s].is_end:
         turn = np.linspace(0.0, 2.0 * math.pi, 12 * arc_points + 1)
         return (model.sprockets[s].rim or model.chain.roller_radius) * np.stack([np.cos(turn), np.sin(turn)], axis=1)
@@ -143,7 +143,7 @@ def tooth_outline(model: ChainModel, s: int, arc_points: int = 9) -> Array:
 
 
 def guide_outline(model: ChainModel, g: int) -> Array:
-    """Outline (P, 2) [m] of a guide as drawn."""
+    """Outline (P, 2) [m] of a guide, as drawn."""
     if not model.guides[g].straight:
         return model.profile(g).points(model.chain.pitch / 12)
     bar = model.guides[g].bar
@@ -158,7 +158,7 @@ def guide_outline(model: ChainModel, g: int) -> Array:
 
 
 def arm_outline(model: ChainModel, a: int) -> list[Array]:
-    """Lines (2, 2) [m] of an arm as drawn."""
+    """Lines (2, 2) [m] of an arm, as drawn."""
     arm, faces = model.arms[a], [model.profile(g).face for g in model.guides_of(a)]
     ends = [end for face in faces for end in (face[0].start, face[-1].end)]
     ends += [model.sprockets[s].center for s in model.sprockets_on(a)]
@@ -167,11 +167,10 @@ def arm_outline(model: ChainModel, a: int) -> list[Array]:
 
 
 COILS = 6
-"""Turns of a spring in pictures."""
 
 
 def coil_outline(begin: Array, end: Array) -> Array:
-    """Zigzag (P, 2) [m] of a coil spring."""
+    """Zigzag line (P, 2) [m] of a coil spring."""
     way = end - begin
     across = 0.08 * np.array([-way[1], way[0]])
     sides = np.tile([1.0, -1.0], COILS)
@@ -181,7 +180,7 @@ def coil_outline(begin: Array, end: Array) -> Array:
 
 
 def tensioner_outline(model: ChainModel, k: int) -> tuple[Array, Array]:
-    """Outlines (5, 2) [m] of housing and plunger."""
+    """Outlines (5, 2) [m] of a tensioner's housing and plunger."""
     tensioner = model.tensioners[k]
     plunger = tensioner.plunger
     wide = model.chain.pitch if plunger is None or plunger.diameter is None else plunger.diameter
@@ -190,7 +189,7 @@ def tensioner_outline(model: ChainModel, k: int) -> tuple[Array, Array]:
     across = np.array([-along[1], along[0]])
 
     def rectangle(begin: float, end: float, half: float) -> Array:
-        """Closed rectangle (5, 2) [m] along a tensioner's direction."""
+        """Closed rectangle (5, 2) [m] along the tensioner."""
         corners = ((begin, -half), (end, -half), (end, half), (begin, half), (begin, -half))
         return np.array([np.asarray(tensioner.at) + u * along + w * across for u, w in corners])
 
@@ -198,6 +197,6 @@ def tensioner_outline(model: ChainModel, k: int) -> tuple[Array, Array]:
 
 
 def turn_points(points: Array, pivot: tuple[float, float], angle: float) -> Array:
-    """Points (..., 2) turned counter-clockwise about a pivot."""
+    """Points (..., 2) turned about a pivot, counter-clockwise."""
     c, d, center = math.cos(angle), math.sin(angle), np.asarray(pivot, dtype=float)
     return np.asarray((points - center) @ np.array([[c, d], [-d, c]]) + center)

@@ -20,14 +20,14 @@ ChannelFunction = Callable[[Trajectory], Any]
 
 @dataclass(frozen=True)
 class OwnChannel:
-    """A plug-in's channel: its function, and the recorded channels that it needs."""
+    """Channel of a plug-in: its function, and channels needed."""
 
     function: ChannelFunction
     channels: tuple[str, ...]
     channel: Channel
 
     def values(self, trajectory: Trajectory) -> NDArray[np.float64]:
-        """Values (F, N) of the channel, N the number of its parts.
+        """Values (F, N) of the plug-in's channel for N parts.
 
         Raises:
             PluginError: what the function raises, or values of another shape.
@@ -41,14 +41,13 @@ class OwnChannel:
 
 
 OWN_CHANNELS: dict[str, OwnChannel] = {}
-"""Plug-ins' channels by name."""
 
 
 @check_arguments(PluginError)
 def channel(
     name: str, *, unit: str = "1", title: str, per: str, channels: Sequence[str]
 ) -> Callable[[ChannelFunction], ChannelFunction]:
-    """Decorator of a plug-in's function that makes it the channel `name` of every recorded trajectory.
+    """Decorator that makes a plug-in's function the channel `name` of recorded trajectories.
 
     The function takes a `Trajectory` with the channels that it asks for, and returns a number for each frame and part,
     (F, N). Metrics ask for the channel by name, and `warpchain export` writes it.
@@ -69,8 +68,8 @@ def channel(
         if needed not in CHANNEL_NAMES:
             raise PluginError(f"channel {name!r}: no channel {needed!r}; allowed are {', '.join(CHANNEL_NAMES)}")
 
-    def add(function: ChannelFunction) -> ChannelFunction:
-        """Adds the channel; returns its function."""
+    def add_channel(function: ChannelFunction) -> ChannelFunction:
+        """Registers the plug-in's channel; returns its function."""
         if not hasattr(function, "__code__"):
             raise PluginError(f"channel {name!r}: must be a function")
         file, own = function.__code__.co_filename, Channel(name, unit, per, title)  # type: ignore[arg-type]
@@ -79,17 +78,17 @@ def channel(
         add_to_registry(OWN_CHANNELS, "channel", name, OwnChannel(function, tuple(channels), own), file)
         return function
 
-    return add
+    return add_channel
 
 
 def recorded_names(names: Iterable[str]) -> tuple[str, ...]:
-    """Channels of frames that channels need, those of plug-ins by what they are made of; in the registry's order."""
+    """Names of recorded channels that channels need, in order."""
     wanted = {needed for name in names for needed in (OWN_CHANNELS[name].channels if name in OWN_CHANNELS else (name,))}
     return tuple(name for name in CHANNEL_NAMES if name in wanted)
 
 
 def channels_with_own(trajectory: Trajectory) -> dict[str, NDArray[np.floating]]:
-    """Recorded channels of a trajectory by name, and those of plug-ins that are made of them.
+    """Channels of a trajectory by name, with those of plug-ins.
 
     Raises:
         PluginError: a plug-in's channel that fails.

@@ -1,4 +1,4 @@
-"""Metrics of plug-ins: functions of a variant's drive, metrics and recorded frames, as columns of the metrics table."""
+"""Metrics of plug-ins: functions of a variant's drive, metrics and recorded frames (docs/plugins.md)."""
 
 from __future__ import annotations
 
@@ -28,18 +28,18 @@ if TYPE_CHECKING:
 
 MetricFunction = Callable[["MeasuredVariant"], float | None]
 PLUGIN_KEY, PLUGINS_KEY = "plugin", "plugins"
-"""Keys of metadata: of a column, the digest of its plug-in; of a table, names and digests of all."""
+"""Metadata keys of a column's plug-in, and of a table's."""
 
 
 @dataclass(frozen=True)
 class MeasuredVariant:
-    """One variant of a run, of which a plug-in computes a metric.
+    """Variant of a run, for a plug-in's metric.
 
     Attributes:
         drive: the variant's.
-        metrics: its metrics by name, those that the drive has, in SI units.
+        metrics: its metrics by name, in SI units.
         window: (start, end) of the metrics [s].
-        trajectory: its frames within the window, with the channels that the metric asks for; None if it asks for none.
+        trajectory: its frames in the window, with the channels that the metric asks for; None for none.
     """
 
     drive: Drive
@@ -48,7 +48,7 @@ class MeasuredVariant:
     trajectory: Trajectory | None = field(default=None, repr=False)
 
     def __getitem__(self, name: str) -> Any:
-        """A metric of the variant, or a channel that the own metric asks for."""
+        """Metric of the variant, or channel asked for."""
         if name in self.metrics:
             return self.metrics[name]
         values = None
@@ -63,13 +63,13 @@ class MeasuredVariant:
 
 @dataclass(frozen=True)
 class OwnMetric:
-    """A plug-in's metric: its function, and the channels whose frames it needs."""
+    """Metric of a plug-in: its function, and channels needed."""
 
     function: MetricFunction
     channels: tuple[str, ...]
 
     def value(self, name: str, of: MeasuredVariant, variant: int) -> float | None:
-        """The metric of a variant; None where it has none.
+        """Value of the plug-in's metric for a variant, or None.
 
         Raises:
             PluginError: what the function raises, or a value that is no finite number.
@@ -81,14 +81,13 @@ class OwnMetric:
 
 
 OWN_METRICS: dict[str, OwnMetric] = {}
-"""Plug-ins' metrics by name."""
 
 
 @check_arguments(PluginError)
 def metric(
     name: str, *, unit: str = "1", title: str, channels: Sequence[str] = ()
 ) -> Callable[[MetricFunction], MetricFunction]:
-    """Decorator of a plug-in's function that makes it the metric `name` of every variant that has run its window.
+    """Decorator that makes a plug-in's function the metric `name` of variants that have run their window.
 
     The function takes a `MeasuredVariant`, of which `run["tension_max"]` is a metric; it returns a finite number, or
     None where the variant has no such value.
@@ -103,8 +102,8 @@ def metric(
         PluginError: a name that is taken or not allowed, an unknown channel, or no function.
     """
 
-    def add(function: MetricFunction) -> MetricFunction:
-        """Adds the metric; returns its function."""
+    def add_metric(function: MetricFunction) -> MetricFunction:
+        """Registers the plug-in's metric; returns its function."""
         if not hasattr(function, "__code__"):
             raise PluginError(f"metric {name!r}: must be a function")
         for channel in (channels,) if isinstance(channels, str) else channels:
@@ -117,11 +116,11 @@ def metric(
         add_to_registry(OWN_METRICS, "metric", name, OwnMetric(function, asked), file)
         return function
 
-    return add
+    return add_metric
 
 
 def metric_channels() -> tuple[str, ...]:
-    """Channels whose frames plug-ins' metrics need, in the registry's order."""
+    """Names of channels that plug-ins' metrics need, in order."""
     load_installed_plugins()
     return recorded_names(channel for own in OWN_METRICS.values() for channel in own.channels)
 
@@ -129,7 +128,7 @@ def metric_channels() -> tuple[str, ...]:
 def with_own_metrics(
     table: pa.Table, drives: Sequence[Drive], frames: Mapping[int, Trajectory] | None = None
 ) -> pa.Table:
-    """Metrics table with the columns of plug-ins' metrics, and with their names and digests.
+    """Metrics table with plug-ins' columns, names and digests.
 
     Args:
         table: a row a variant, with `diverged` and `window_start`.
@@ -151,12 +150,12 @@ def with_own_metrics(
             else None
             for v, row in enumerate(rows)
         ]
-        table = _with_column(table, name, values, digest_of_file(own.function.__code__.co_filename))
+        table = _table_with_own_metric(table, name, values, digest_of_file(own.function.__code__.co_filename))
     return table
 
 
-def _with_column(table: pa.Table, name: str, values: Sequence[float | None], digest: str) -> pa.Table:
-    """Metrics table with a plug-in's column, whose metadata say of which."""
+def _table_with_own_metric(table: pa.Table, name: str, values: Sequence[float | None], digest: str) -> pa.Table:
+    """Metrics table with the column of a plug-in's metric."""
     import pyarrow as pa
 
     if all(value is None for value in values):
@@ -173,6 +172,6 @@ def _is_measured(row: Mapping[str, Any]) -> bool:
 def _measured_variant(
     own: OwnMetric, drive: Drive, row: Mapping[str, Any], frames: Trajectory | None
 ) -> MeasuredVariant:
-    """A variant with what a metric may read."""
+    """Variant with what a plug-in's metric may read."""
     known = {name: value for name, value in row.items() if value is not None}
     return MeasuredVariant(drive, known, (row["window_start"], row["window_end"]), frames if own.channels else None)

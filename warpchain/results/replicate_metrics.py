@@ -15,17 +15,13 @@ if TYPE_CHECKING:
     import pyarrow as pa
 
 DRIVE_COLUMN, COPY_COLUMN = "drive", "replicate"
-"""Metric columns that number drive and copy."""
 COUNT_COLUMN = "n"
-"""Column of the number of copies."""
 ROLE_OF_ERRORS = "error"
-"""Role of standard errors in metadata."""
 UNAVERAGED_COLUMNS = ("diverged", "diverged_time", "window_start", "window_end")
-"""Metric columns taken from the first copy."""
 
 
 def metrics_with_copies(metrics: pa.Table, count: int) -> pa.Table:
-    """Metrics table with columns that number drives and copies."""
+    """Metrics table with numbers of drives and replicates."""
     import pyarrow as pa
 
     if count == 1:
@@ -37,9 +33,9 @@ def metrics_with_copies(metrics: pa.Table, count: int) -> pa.Table:
 
 
 def summarize_copies(table: pa.Table, key: str, first: Sequence[str] = ()) -> pa.Table:
-    """Table of a row a drive: means over copies.
+    """Table of means over replicates, a row a drive.
 
-    Means are over copies that are ok; where none is, over all that did not diverge.
+    Copies that are ok count; where none is, all that did not diverge.
 
     Args:
         table: with `status`, `reason` and, of several copies, `replicate`.
@@ -54,7 +50,7 @@ def summarize_copies(table: pa.Table, key: str, first: Sequence[str] = ()) -> pa
     fields, columns = [table.schema.field(key)], [pa.array(keys)]
 
     def add_column(field: pa.Field, values: Any, name: str = "", **facts: str) -> None:
-        """Adds a column with metadata to the summary."""
+        """Adds a column with metadata to the summary of replicates."""
         known = {k.decode(): v.decode() for k, v in (field.metadata or {}).items()}
         fields.append(pa.field(name or field.name, values.type, metadata=known | facts or None))
         columns.append(values)
@@ -79,13 +75,13 @@ def summarize_copies(table: pa.Table, key: str, first: Sequence[str] = ()) -> pa
 
 
 def _first_rows_with_value(column: Any, at: NDArray[np.int64]) -> NDArray[np.int64]:
-    """Row (D,) of drives' first copies with values."""
+    """Row (D,) of each drive's first replicate with a value."""
     there = np.append(~np.asarray(column.is_null().to_numpy(), dtype=bool), False)[at]
     return at[np.arange(len(at)), np.where(there.any(axis=1), there.argmax(axis=1), (at >= 0).argmax(axis=1))]
 
 
 def _is_averaged(field: pa.Field, names: Sequence[str]) -> bool:
-    """Whether a metric column is averaged over copies."""
+    """Whether a metric column is averaged over replicates."""
     import pyarrow.types as kinds
 
     if field.name.endswith(ERROR_SUFFIX) and field.name.removesuffix(ERROR_SUFFIX) in names:
@@ -94,14 +90,14 @@ def _is_averaged(field: pa.Field, names: Sequence[str]) -> bool:
 
 
 def _copy_numbers(table: pa.Table) -> NDArray[np.int64]:
-    """Numbers of rows' copies."""
+    """Copy (replicate) number of each row."""
     if COPY_COLUMN not in table.column_names:
         return np.zeros(table.num_rows, dtype=np.int64)
     return np.asarray(table[COPY_COLUMN].to_numpy())
 
 
 def _rows_of_copies(place: NDArray[np.intp], number: NDArray[np.int64], drives: int) -> NDArray[np.int64]:
-    """Rows (D, copies) of each drive's copies, or -1."""
+    """Rows (D, copies) of each drive's replicates, or -1."""
     order = np.lexsort((number, place))
     counts = np.bincount(place, minlength=drives)
     within = np.arange(len(order)) - np.repeat(np.cumsum(counts) - counts, counts)
@@ -111,7 +107,7 @@ def _rows_of_copies(place: NDArray[np.intp], number: NDArray[np.int64], drives: 
 
 
 def _is_in_mean(status: Sequence[str], at: NDArray[np.int64]) -> NDArray[np.bool_]:
-    """Whether each copy counts in means (D, most copies)."""
+    """(D, copies) whether each replicate counts in the mean."""
     words = np.array([*status, ""], dtype=object)[at]  # the last one stands for -1, a copy that is not there
     ok = words == OK
     ran = ~np.isin(words, ("", "infeasible", DIVERGED))
@@ -119,7 +115,7 @@ def _is_in_mean(status: Sequence[str], at: NDArray[np.int64]) -> NDArray[np.bool
 
 
 def _worst_status_and_reason(table: pa.Table, at: NDArray[np.int64]) -> tuple[list[str], list[str | None]]:
-    """Worst status of each drive's copies, and its reason."""
+    """Worst status among each drive's replicates, and its reason."""
     status, reason = table["status"].to_pylist(), table["reason"].to_pylist()
     rank = {word: k for k, word in enumerate(STATUSES)}
     number = _copy_numbers(table)
@@ -137,14 +133,14 @@ def _worst_status_and_reason(table: pa.Table, at: NDArray[np.int64]) -> tuple[li
 
 
 def _column_values(table: pa.Table, name: str) -> NDArray[np.float64]:
-    """Values of a column of copies, nan where null."""
+    """Values of a column of replicates, nan where null."""
     return np.array(table[name].cast("float64").to_numpy(), dtype=float)
 
 
 def _mean_and_error(
     values: NDArray[np.float64], at: NDArray[np.int64], chosen: NDArray[np.bool_]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Mean and standard error s / sqrt(n) (D,) of each drive's copies."""
+    """Mean and standard error (D,) of drives' replicates."""
     each = np.where(chosen, values[at], np.nan)
     there = np.isfinite(each)
     count = there.sum(axis=1)
@@ -156,7 +152,7 @@ def _mean_and_error(
 
 
 def _sum_of_copies(each: NDArray[np.float64]) -> NDArray[Any]:
-    """Sum (D,) over the copies of each drive."""
+    """Sum (D,) over each drive's replicates."""
     found = np.zeros(len(each))
     for column in each.T:
         found = found + column

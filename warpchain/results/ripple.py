@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 
 def slowest_ripple_periods(model: ChainModel, turns: NDArray[np.float64], seconds: Any) -> Any:
-    """Periods of a drive's slowest tension ripple.
+    """Periods in the window of the slowest tension ripple, or 0.
 
     Args:
         turns: of each sprocket in the window, (S,) or (S, V).
@@ -27,7 +27,7 @@ def slowest_ripple_periods(model: ChainModel, turns: NDArray[np.float64], second
     count = len(turns)
 
     def periods_in_window(b: int, order: Any) -> Any:
-        """Periods in the window of a body's order."""
+        """Periods in the window of a body's ripple order."""
         led = b if b < count else model.driver
         return order * turns[led] * (1.0 if b < count else body_speed_ratio(model, b, led))
 
@@ -43,7 +43,7 @@ def slowest_ripple_periods(model: ChainModel, turns: NDArray[np.float64], second
 
 
 def _ripple_orders(model: ChainModel) -> Iterator[tuple[int, float]]:
-    """Bodies and orders of tension ripples."""
+    """Body and order of each tension ripple."""
     names: list[Any] = []
     acting: list[tuple[Any, ...]] = [(of.load, of.prescribed) for of in model.sprockets]
     acting += [(of.load, of.prescribed, of.motor) for of in model.shafts]

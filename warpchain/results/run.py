@@ -54,7 +54,7 @@ class Record:
 
     @check_arguments(SimulationError)
     def indices(self, variants: Index) -> tuple[int, ...]:
-        """Recorded variants of an ensemble of `variants`, ascending."""
+        """Numbers of recorded variants out of `variants`, ascending."""
         if isinstance(self.variants, str):
             return tuple(range(variants)) if self.variants == "all" else ()
         chosen = sorted({int(index) for index in self.variants})
@@ -64,7 +64,7 @@ class Record:
 
 
 def _add_channel_fields(kind: type) -> type:
-    """Class with dataclass fields for all channels."""
+    """Class with a dataclass field for each channel."""
     for name in CHANNEL_NAMES:
         if name not in kind.__annotations__:
             kind.__annotations__[name] = "NDArray[np.floating] | None"
@@ -104,7 +104,7 @@ class Trajectory:
         valve_torque: (F, V) of valve groups against forward rotation [N m].
         valve_force: (F, V) least of a group's cams [N].
         window: of the metrics, (from, to) [s]; or None.
-        chain: the one chain of the drive whose parts the channels are of; None where they are the whole drive's.
+        chain: the one chain whose parts the channels are of; None where they are the whole drive's.
     """
 
     drive: Drive
@@ -137,12 +137,12 @@ class Trajectory:
 
     @property
     def parts(self) -> Drive | ChainModel:
-        """Parts whose motion a trajectory's channels are: a drive's, or one chain's."""
+        """Parts that channels are of: a drive's, or a chain's."""
         return self.drive if self.chain is None else self.chain
 
     @property
     def model(self) -> ChainModel:
-        """Model of the one chain whose motion a trajectory is.
+        """Model of the one chain that the trajectory is of.
 
         Raises:
             DriveError: of a drive of several.
@@ -150,7 +150,7 @@ class Trajectory:
         return single_chain(self.parts)
 
     def __repr__(self) -> str:
-        """Text of one line: frames, time, channels."""
+        """Line on the trajectory: frames, time, channels."""
         end = f"{self.time[0]:g} to {self.time[-1]:g} s" if len(self.time) else "none"
         return f"Trajectory({len(self.time)} frames, {end}: {', '.join(self.channels())})"
 
@@ -215,7 +215,7 @@ class RunInfo:
         step: [s]; None where variants differ.
         seed: of the variants' design.
         choice: why it ran on that device.
-        plugins: names and SHA-256 digests of the plug-ins that were loaded; None where there was none.
+        plugins: names and SHA-256 digests of plug-ins, if any.
     """
 
     version: str
@@ -247,7 +247,7 @@ class Run(Mapping[int, Trajectory]):
     info: RunInfo
 
     def __repr__(self) -> str:
-        """Text of one line on the run."""
+        """Line on the run: variants, device, time."""
         shape = f"{len(self.drives)} variants, {len(self)} recorded, {self.metrics.num_columns} metrics"
         return f"{type(self).__name__}({shape}, {self.info.device}, {self.info.precision}, {self.info.ended})"
 
@@ -309,7 +309,7 @@ class Run(Mapping[int, Trajectory]):
 
     @property
     def first(self) -> int:
-        """First recorded variant of the run.
+        """Number of the run's first recorded variant.
 
         Raises:
             SimulationError: none was recorded.

@@ -15,15 +15,13 @@ LOOK_EVERY = 32
 """Fewest steps between two samples for sums."""
 
 MOST_STEPS = 2**31 - 2
-"""Most steps of a run, counted in 32 bits."""
 
 
 def whole_steps(what: str, counts: NDArray[np.float64]) -> NDArray[np.int64]:
-    """Rounded numbers (V,) of schedules' steps.
+    """Numbers of steps (V,) in schedules, rounded.
 
     Args:
         what: where the first comes from, for the error.
-        counts: (V,) the numbers.
 
     Raises:
         SimulationError: one is more than can be counted.
@@ -86,6 +84,6 @@ def schedules_as_columns(schedules: Sequence[Schedule]) -> Schedules:
 
 
 def join_schedules(parts: Sequence[Sequence[Schedule]]) -> Schedules:
-    """Schedules of groups of variants, one group after the other."""
+    """Schedules of groups of variants, joined."""
     columns = [schedules_as_columns(part).columns for part in parts]
     return Schedules({of.name: np.concatenate([each[of.name] for each in columns]) for of in fields(Schedule)})

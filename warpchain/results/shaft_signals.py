@@ -1,9 +1,4 @@
-"""Signals of shafts from recorded frames: force of the chain on hubs, and phase error of driven shafts.
-
-    e = (z_s / z_d) theta_s - theta_d,  forward, each from where it stood at the recording's first frame          (a)
-
-e < 0 where the camshaft lags.
-"""
+"""Signals of shafts from recorded frames: force of the chain on hubs, phase error of driven shafts (docs/report.md)."""
 
 from __future__ import annotations
 
@@ -22,9 +17,7 @@ Array = NDArray[np.float64]
 
 
 def hub_forces(trajectory: Trajectory) -> Array:
-    """Force (F, S, 2) [N] of the chain on sprockets' hubs.
-
-    As recorded, else the contacts' normal forces.
+    """Force (F, S, 2) [N] of the chain on hubs, recorded or of contacts.
 
     Raises:
         SimulationError: recorded without positions, sprocket forces, angles or centers.
@@ -50,7 +43,7 @@ ENGINE_ORDERS = (0.5, 1.0, 1.5, 2.0, 2.5, 3.0, 4.0, 6.0, 8.0)
 
 
 def phase_error(trajectory: Trajectory, s: int) -> Array:
-    """Phase error (F,) [rad of the driver], (a).
+    """Phase error (F,) [rad of the driver] of a sprocket, below 0 where it lags.
 
     Raises:
         SimulationError: recorded without sprocket angles.
@@ -61,7 +54,7 @@ def phase_error(trajectory: Trajectory, s: int) -> Array:
 
 
 class PhaseError(NamedTuple):
-    """Phase error of a shaft over a window [rad]."""
+    """Phase error of a sprocket over a window [rad]."""
 
     shift: float  # mean
     low: float  # smallest
@@ -73,7 +66,7 @@ class PhaseError(NamedTuple):
 def phase_error_in_window(
     trajectory: Trajectory, s: int, window: NDArray[np.bool_] | slice, orders: Sequence[float] = ENGINE_ORDERS
 ) -> PhaseError:
-    """Phase error of a sprocket in a window."""
+    """Phase error of a sprocket over a window, with orders."""
     error, turns = phase_error(trajectory, s)[window], driver_turns(trajectory)[window]
     part = last_rising_frames(turns)
     found = order_amplitudes(turns[part], error[part], orders) if len(turns[part]) > 8 else None

@@ -17,7 +17,7 @@ ERROR_PARTS = 8
 
 @dataclass(frozen=True)
 class SignalFeatures:
-    """Choice of features that a signal is reduced to."""
+    """Choice of features to which a signal is reduced."""
 
     statistics: tuple[str, ...] = ()  # of `measured_file.SIGNAL_STATISTICS`
     orders: tuple[float, ...] = ()  # of the driver's revolution, whose amplitudes are taken
@@ -63,7 +63,7 @@ def _amplitude_near_frequency(lines: Array, amplitude: Array, frequency: float) 
 
 
 def _band_root_mean_square(lines: Array, amplitude: Array, low: float, high: float) -> float:
-    """Root mean square of a spectrum's frequency band."""
+    """Root mean square of a frequency band, from a spectrum."""
     inside = (lines >= low) & (lines < high)
     if inside.sum() < 4 or high > lines[-1]:
         return np.nan

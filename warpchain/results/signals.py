@@ -18,11 +18,9 @@ from warpchain.results.strand_passing import FRAMES_AT_ONCE, PassingLink, passin
 Array = NDArray[np.float64]
 
 FEWEST_TEETH = 16
-"""Teeth that an order spectrum takes."""
 
 TOOTH_PASSINGS = 4
 SPECTRUM_FLOOR = 1e-4
-"""Lower end of a spectrum's axis, over its peak."""
 SPECTRUM_SPELLS = 2000
 STRAND_TENSION_TITLE, TRANSMISSION_ERROR_TITLE = "tension at mid-strand [N]", "transmission error [degrees]"
 
@@ -41,7 +39,7 @@ PART_SIGNALS = (
 
 
 def part_signals(of: Drive | ChainModel) -> Iterator[tuple[str, str, str, str, int]]:
-    """Part's name, signal, channel, group and column of `PART_SIGNALS`."""
+    """Part's name, signal, channel, group, column of each part signal."""
     for parts, signal, channel, group in PART_SIGNALS:
         for i, part in enumerate(getattr(of, parts)):
             if signal != "pressure" or part.hydraulic:
@@ -49,7 +47,7 @@ def part_signals(of: Drive | ChainModel) -> Iterator[tuple[str, str, str, str, i
 
 
 def driver_speed_and_window(trajectory: Trajectory) -> tuple[float, float, float] | None:
-    """Driver's mean speed [rad/s] and window [s]."""
+    """Driver's mean speed [rad/s] and window's ends [s], or None."""
     time, angle, parts = trajectory.time, trajectory.sprocket_angle, trajectory.parts
     start, end = trajectory.window or (0.5 * float(time[-1]), float(time[-1]))
     start, end = max(start, float(time[0])), min(end, float(time[-1]))
@@ -75,7 +73,7 @@ def last_round_frames(trajectory: Trajectory) -> slice:
 
 
 def forward_values(parts: Drive | ChainModel, values: NDArray[np.floating], s: int) -> Array:
-    """Angles or speeds (F,), positive in travel."""
+    """Angles or speeds (F,) of a sprocket, positive in travel."""
     return np.asarray(values[:, s], dtype=float) * parts.sprockets[s].sign
 
 
@@ -88,7 +86,7 @@ def strand_tension(trajectory: Trajectory, strand: int, passing: PassingLink | N
 
 
 def speed_ratio_to_driver(trajectory: Trajectory, s: int) -> Array:
-    """Speed ratio (F,) to the driver, 1 ideally."""
+    """Speed ratio (F,) of a sprocket to the driver, 1 ideally."""
     (sprocket_speed,) = require_channels(trajectory, "sprocket_speed")
     parts = trajectory.parts
     own, driver = (forward_values(parts, sprocket_speed, k) for k in (s, parts.driver))
@@ -98,7 +96,7 @@ def speed_ratio_to_driver(trajectory: Trajectory, s: int) -> Array:
 
 
 def angle_ahead_of_driver(trajectory: Trajectory, s: int) -> Array:
-    """Angle (F,) [rad] ahead of the driver, by teeth.
+    """Angle (F,) [rad] of a sprocket ahead of the driver.
 
     Raises:
         SimulationError: recorded without sprocket angles.
@@ -111,7 +109,7 @@ def angle_ahead_of_driver(trajectory: Trajectory, s: int) -> Array:
 
 
 def transmission_error(trajectory: Trajectory, s: int) -> Array:
-    """Transmission error (F,) [rad]: angle ahead of the driver, mean removed.
+    """Transmission error (F,) [rad]: angle ahead less its mean.
 
     Raises:
         SimulationError: recorded without sprocket angles.
@@ -137,7 +135,7 @@ def strand_transverse_frequency(trajectory: Trajectory, strand: int) -> float:
 
 
 def guide_forces_and_rollers(trajectory: Trajectory) -> list[tuple[Array, Array]]:
-    """Force (F,) [N] and roller number of each guide."""
+    """Force (F,) [N] and number (F,) of rollers on each guide."""
     (guide_force,) = require_channels(trajectory, "guide_force")
     frame, roller = np.nonzero(guide_force > 0.0)
     force = np.asarray(guide_force, dtype=float)[frame, roller]
@@ -151,7 +149,7 @@ def guide_forces_and_rollers(trajectory: Trajectory) -> list[tuple[Array, Array]
 
 
 def largest_contact_forces(trajectory: Trajectory) -> list[Array]:
-    """Largest contact force (F,) [N] of each part."""
+    """Largest contact force (F,) [N] of each sprocket, then guide."""
     sprocket_force, guide_force = require_channels(trajectory, "sprocket_force", "guide_force")
     parts, count = trajectory.parts, len(trajectory.time)
     largest = np.zeros((len(parts.sprockets) + len(parts.guides), count))
@@ -200,7 +198,7 @@ def contact_angles(trajectory: Trajectory, s: int) -> ContactAngles:
 
 
 def amplitude_spectrum(values: Array, interval: float) -> tuple[Array, Array]:
-    """Frequencies and amplitudes (K // 2 + 1,) of samples.
+    """Frequencies and amplitudes (K // 2 + 1,) of a signal (K,).
 
     Args:
         interval: between samples, in seconds, or in revolutions for orders.
@@ -212,7 +210,7 @@ def amplitude_spectrum(values: Array, interval: float) -> tuple[Array, Array]:
 
 
 def order_spectrum(trajectory: Trajectory, values: Array) -> tuple[Array, Array] | None:
-    """Orders and amplitudes of a signal's spectrum, or None."""
+    """Driver's orders and amplitudes of a signal, or None."""
     (sprocket_angle,) = require_channels(trajectory, "sprocket_angle")
     parts, part = trajectory.parts, latter_half_frames(trajectory)
     turns = forward_values(parts, sprocket_angle[part], parts.driver) / (2.0 * np.pi)
@@ -261,7 +259,7 @@ def order_spectra(trajectory: Trajectory) -> dict[str, list[OrderSpectrum]]:
 
 
 def peak_frames(values: NDArray[np.floating], buckets: int) -> NDArray[np.intp]:
-    """Frames to draw of a series, its peaks kept."""
+    """Frames that draw a signal with its peaks kept."""
     count = len(values)
     if count <= 2 * buckets:
         return np.arange(count)
@@ -276,7 +274,7 @@ def peak_frames(values: NDArray[np.floating], buckets: int) -> NDArray[np.intp]:
 
 
 def peaks_over_time(values: NDArray[np.floating], buckets: int) -> tuple[NDArray[np.intp], NDArray[np.floating]]:
-    """First frames of spells, and peaks (spells, ...)."""
+    """First frames of a signal's spells, and peaks (spells, ...)."""
     count = len(values)
     if count <= buckets:
         return np.arange(count), values
@@ -285,7 +283,7 @@ def peaks_over_time(values: NDArray[np.floating], buckets: int) -> tuple[NDArray
 
 
 def _spell_starts(count: int, buckets: int) -> NDArray[np.intp]:
-    """First frames of a series' spells."""
+    """First frames of a signal's spells, for its peaks."""
     return (np.arange(buckets) * count // buckets).astype(np.intp)
 
 
@@ -304,7 +302,7 @@ class QuantityRange(NamedTuple):
 
     @property
     def range_width(self) -> float:
-        """Largest less smallest value."""
+        """Largest less smallest value of a signal."""
         return self.high - self.low
 
 
@@ -332,7 +330,7 @@ def range_and_path(time: Array, values: Array) -> QuantityRange:
 
 
 def opening_events(time: Array, values: Array, threshold: float = 0.0) -> OpeningEvents:
-    """Openings above a threshold of a signal (F,)."""
+    """Openings of a signal (F,): spells above a threshold."""
     open_ = np.concatenate([[False], np.asarray(values) > threshold, [False]])
     begins, ends = np.flatnonzero(open_[1:] & ~open_[:-1]), np.flatnonzero(~open_[1:] & open_[:-1])
     step = float(time[-1] - time[0]) / max(len(time) - 1, 1)

@@ -13,22 +13,22 @@ _NUMBER = re.compile(r"[-+]?\d[\d.]*(e[-+]?\d+)?")
 
 
 def common_reasons(found: Iterable[tuple[str, str]]) -> list[tuple[str, str, int]]:
-    """Status, reason and number of variants, most frequent first."""
+    """Statuses, reasons and counts of variants, most frequent first."""
     return sort_by_frequency(merge_alike_reasons((status, reason, 1) for status, reason in found))
 
 
 def reason_of_count(count: int, reason: str) -> str:
-    """Text of a number of variants and a reason."""
+    """Text of a reason, with its number of variants."""
     return f"1 variant: {reason}" if count == 1 else f"{count} variants, e.g. {reason}"
 
 
 def sort_by_frequency(found: Iterable[tuple[str, str, int]]) -> list[tuple[str, str, int]]:
-    """Statuses, reasons and counts, the most frequent first."""
+    """Statuses, reasons and counts, sorted by count."""
     return sorted(found, key=lambda each: -each[2])
 
 
 def merge_alike_reasons(found: Iterable[tuple[str, str, int]]) -> list[tuple[str, str, int]]:
-    """Statuses, reasons and counts, merged where reasons are alike."""
+    """Statuses, reasons and counts, alike reasons merged."""
     counts: Counter[tuple[str, str]] = Counter()
     first: dict[tuple[str, str], str] = {}
     for status, reason, count in found:

@@ -6,8 +6,8 @@ z the fewest teeth, I = m p^2 / 6, friction moves
     a roller by a pitch in               sqrt(m p / (mu N)),                                                  (a)
     a joint by the bend of a tooth in    sqrt((2 pi / z) I / (mu kappa r_p T)).                               (b)
 
-A joint that sticks gives way by phi = mu kappa r_p T h^2 / (0.12 I), T its strand's mean tension. n joints of a strand
-that swings by a pay out pi^2 a / (2 n p) times n^2 p phi / 8, and links of stiffness k answer with the tension
+A joint that sticks gives way by phi = mu kappa r_p T h^2 / (0.12 I), T its strand's mean tension. In a strand that
+swings by a, links of stiffness k answer with the tension
 
     (pi^2 / 16) k a phi.                                                                                      (c)
 """
@@ -35,16 +35,16 @@ if TYPE_CHECKING:
     from warpchain.model import ChainModel
 
 BRISTLE_STIFFNESS = 0.12
-"""Stiffness of a joint's bristle, times h^2 / I."""
+"""Stiffness of a bristle, times h^2 / I."""
 
 
 def joint_resolution(of: DesignInputs) -> VariantValues:
-    """Metric steps (V,) for friction to bend joints, (b)."""
+    """Metric: steps (V,) in which friction bends a joint, (b)."""
     return _steps_of_force(of, of.number_of_each(_tooth_bend_inertia), _joint_friction_moment(of, of["tension_q999"]))
 
 
 def joint_give(of: DesignInputs) -> VariantValues:
-    """Metric tension error (V,) of joints that give, (c)."""
+    """Metric: tension (V,) that sticking joints give up, relative, (c)."""
     step = of.metrics[STEP_KEY].values
     stiffness = of.number_of_each(_softest_link_stiffness)
     inertias = of.roller_mass * of.number_of_each(lambda model: model.chain.pitch * model.chain.pitch) / 6.0
@@ -59,7 +59,7 @@ def joint_give(of: DesignInputs) -> VariantValues:
 
 
 def partner_resolution(of: DesignInputs) -> VariantValues:
-    """Metric steps (V,) for friction to move rollers, (a)."""
+    """Metric: steps (V,) in which friction moves a roller, (a), or of a ramp."""
     ways = of.roller_mass * of.number_of_each(lambda model: model.chain.pitch)
     coefficients = of.number_of_each(lambda model: partner_friction_coefficients(model, of.index).larger_coefficient)
     steps = _steps_of_force(of, ways, coefficients * of["force_max"])
@@ -70,12 +70,12 @@ def partner_resolution(of: DesignInputs) -> VariantValues:
 
 
 def is_ramped(model: ChainModel, index: int) -> bool:
-    """Whether a partner is a sprocket with ramped motion."""
+    """Whether a partner is a sprocket with a ramped motion."""
     return _partner_ramp_time(model, index) > 0.0
 
 
 def _steps_of_force(of: DesignInputs, way: VariantValues, force: VariantValues) -> ColumnValues:
-    """Number of steps for a force to move."""
+    """Number of steps in which a force covers a way."""
     with np.errstate(all="ignore"):
         steps = np.sqrt(way / force) / of.metrics[STEP_KEY].values
     return mask_absent(np.isfinite(steps) & (force > 0.0), steps)
@@ -87,24 +87,24 @@ def _joint_friction_moment(of: DesignInputs, tension: VariantValues) -> VariantV
 
 
 def _joint_friction_arm(model: ChainModel) -> float:
-    """Arm of a joint's friction, mu kappa r_p [m]."""
+    """Arm of a joint's friction [m], mu kappa r_p."""
     joint, pin_radius = model.chain.joint, model.chain.pin_radius
     assert joint is not None and pin_radius is not None  # as the group's `applies_to` has found
     return friction_coefficients(joint).larger_coefficient * joint.factor * pin_radius
 
 
 def _tooth_bend_inertia(model: ChainModel) -> float:
-    """Bend of a joint times its inertia [kg m^2]."""
+    """Joint's bend on a tooth times its inertia [kg m^2]."""
     chain, teeth = model.chain, min(sprocket.teeth for sprocket in model.sprockets)
     return 2.0 * math.pi / teeth * chain.mass * (chain.pitch * chain.pitch) / 6.0
 
 
 def _softest_link_stiffness(model: ChainModel) -> float:
-    """Stiffness of the softest link [N/m]."""
+    """Stiffness [N/m] of the softest link."""
     return minimum(model.chain.stiffness, model.chain.outer_stiffness)
 
 
 def _partner_ramp_time(model: ChainModel, index: int) -> float:
-    """Ramp time of a partner's motion [s], or 0."""
+    """Ramp time [s] of a partner's motion, or 0."""
     motion = model.sprockets[index].prescribed if index < len(model.sprockets) else None
     return 0.0 if motion is None else motion.ramp_time

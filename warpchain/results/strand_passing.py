@@ -18,14 +18,14 @@ FRAMES_AT_ONCE = 4096
 
 
 class PassingLink(NamedTuple):
-    """Link that passes a strand's middle, and its displacement."""
+    """Link that passes a strand's middle, and displacement."""
 
     link: Index  # (F,) number, -1 for none
     displacement: Array  # (F,) from the straight common tangent [m], left of travel positive, or nan
 
 
 def passing_link(trajectory: Trajectory, strand: int) -> PassingLink:
-    """Link that passes a strand's middle, at every frame."""
+    """Link (F,) that passes a strand's middle, and displacement [m]."""
     (position,) = require_channels(trajectory, "position")
     path = assembled_path(trajectory.model)
     start, end = path.strand_start[strand], path.strand_end[strand]
@@ -40,7 +40,7 @@ def passing_link(trajectory: Trajectory, strand: int) -> PassingLink:
 def _fill_passing_link(
     position: NDArray[np.floating], start: Array, end: Array, link: Index, displacement: Array
 ) -> None:
-    """Writes passing links and displacements of a strand."""
+    """Writes passing links and displacements (F,) of a strand."""
     length = float(np.hypot(*(end - start)))
     tx, ty = (end - start) / length
     x, y = position[..., 0], position[..., 1]

@@ -6,14 +6,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 COLOR_ANCHORS = np.array([(45, 85, 215), (0, 170, 220), (70, 195, 95), (245, 205, 50), (225, 45, 40)], dtype=np.float64)
-"""Colors (RGB) at quarters of the tension scale."""
 UNKNOWN_COLOR = (150, 150, 150)
 
 SCALE_PERCENTILE = 99.9
 
 
 def tension_scale_end(tension: NDArray[np.floating]) -> float:
-    """Tension [N] where the color scale ends."""
+    """Tension [N] at which the color scale ends."""
     finite = tension[np.isfinite(tension)]
     return max(float(np.percentile(finite, SCALE_PERCENTILE)), 1.0) if finite.size else 1.0
 
@@ -22,7 +21,7 @@ def tension_colors(tension: NDArray[np.floating], full_scale: float) -> NDArray[
     """Colors RGBA (..., 4) of link tensions (...) [N].
 
     Args:
-        full_scale: tension at the scale's red end [N]; its blue end is 0.
+        full_scale: tension at the scale's red end [N]; 0 is blue.
     """
     share = np.clip(np.asarray(tension, dtype=np.float64) / full_scale, 0.0, 1.0) * (len(COLOR_ANCHORS) - 1)
     known = np.isfinite(share)

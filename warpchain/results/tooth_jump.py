@@ -1,10 +1,6 @@
 """Margin to tooth jump: how far rollers in a sprocket's wrap stand below where teeth let them go.
 
-With rho_top the distance of the tip from the sprocket's center and rho that of a roller,
-
-    margin = rho_top - rho [m],   margin over the climb = (rho_top - rho) / (rho_top - R),                       (a)
-
-1 in the seat, 0 where the chain jumps. Rollers count half a tooth inside the wrap.
+Of a roller at rho from the sprocket's center it is rho_top - rho [m], rho_top the tip's (docs/report.md).
 """
 
 from __future__ import annotations
@@ -22,15 +18,15 @@ Array = NDArray[np.float64]
 
 
 class JumpMargin(NamedTuple):
-    """Margin of the chain to tooth jump, or nan."""
+    """Margin to tooth jump of a sprocket, or nan."""
 
-    margin: Array  # (F,) least of all rollers (a) [m]
+    margin: Array  # (F,) least of all rollers [m]
     angle: Array  # (F,) of that roller past the chain's arrival [rad]
     height: float  # from seat to tip, rho_top - R [m]
 
 
 def tooth_jump_margin(trajectory: Trajectory, s: int) -> JumpMargin:
-    """Margin to tooth jump on a sprocket; none of an end, which has no teeth.
+    """Margin to tooth jump on a sprocket; nan of an end.
 
     Raises:
         SimulationError: recorded without positions or sprocket centers.

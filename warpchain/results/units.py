@@ -24,11 +24,10 @@ DISPLAY_UNITS: dict[str, tuple[tuple[float, str, float], ...]] = {
     "Pa": ((0.0, "Pa", 1.0), (1e3, "kPa", KILO), (1e6, "MPa", MEGA), (1e9, "GPa", GIGA)),
     "Hz": ((0.0, "Hz", 1.0), (1e3, "kHz", KILO)),
 }
-"""Display units of SI units: least value, unit, factor."""
 
 
 def display_unit(unit: str, *values: Any) -> tuple[str, float]:
-    """Display unit of values [SI], and factor to it."""
+    """Display unit of SI values, and factor to it."""
     whole = np.concatenate([np.ravel(each) for each in values]) if values else np.zeros(0)
     largest = float(np.abs(whole[np.isfinite(whole)]).max(initial=0.0))
     held = [(word, factor) for least, word, factor in DISPLAY_UNITS.get(unit, ()) if largest >= least]
@@ -36,13 +35,13 @@ def display_unit(unit: str, *values: Any) -> tuple[str, float]:
 
 
 def display_unit_word(unit: str, *values: Any) -> tuple[str, float]:
-    """Display unit of values or "", and factor."""
+    """Display unit of SI values, "" for none, and factor."""
     word, factor = display_unit(unit, *values)
     return "" if word == "1" else word, factor
 
 
 def distinguishing_decimals(values: Any, digits: int = 4) -> int:
-    """Number of decimals that distinguish values."""
+    """Number of decimals that distinguish displayed values."""
     held = np.asarray(values, dtype=float)
     held = held[np.isfinite(held)]
     largest, spread = float(np.abs(held).max(initial=0.0)), float(np.ptp(held)) if held.size else 0.0
@@ -51,7 +50,7 @@ def distinguishing_decimals(values: Any, digits: int = 4) -> int:
 
 
 def quantity_words(value: float, unit: str, deviation: float | None = None, digits: int = 4) -> str:
-    """Text of a value with its unit: "5.612 kN"."""
+    """Text of an SI value in its display unit: "5.612 kN"."""
     word, factor = display_unit_word(unit, value)
     text = f"{value * factor:.{digits}g}"
     if deviation is not None and math.isfinite(deviation):

@@ -3,13 +3,9 @@
 With y_k the means of B batches and X_j = sum y_k exp(-i w_j k) / B, w_j = 2 pi j / B, each ordinate I_j = |X_j|^2 is
 the spectrum S(w_j) times an exponential variate, and the variance of the mean is S(0) (Heidelberger and Welch 1981):
 
-    log I_j + 0.577 = b_0 + b_1 j + b_2 j^2, j = 1 to 9,       standard error = c sqrt(exp(b_0))              (a)
+    log I_j + 0.577 = b_0 + b_1 j + b_2 j^2, j = 1 to 9,       standard error = c sqrt(exp(b_0)),             (a)
 
-by least squares; c makes the median error that of independent batches. Where one sine of less than `SLOW_PERIODS`
-leaves less than `DETERMINATE_SHARE` of the ordinates, the error is unknown.
-
-A drift is the slope of the line through the means of P parts, times P. Its variance is that of independent residuals,
-times (1 + r) / (1 - r), r >= 0 their lag correlation; drift over error is Student's t of P - 2.
+c by calibration (docs/chaotic-motion.md).
 """
 
 from __future__ import annotations
@@ -24,42 +20,35 @@ Array = NDArray[np.float64]
 ERROR_SUFFIX = "_se"
 
 LOWEST_ORDINATES = 9
-"""Number of ordinates in (a)."""
 
 MEDIAN_ERROR_RATIO = 1.075
 """Median of sqrt(exp(b_0)) over the truth, 1 / c."""
 
 LEAST_ERROR_SHARE = 0.5
-"""Least error, over the ordinates' geometric mean, against outliers."""
 
 INTERVAL_ERRORS = 3.5
-"""Standard errors beside a mean that make 95 %."""
+"""Standard errors of a 95 % interval, as measured."""
 
 SLOW_PERIODS = 7.5
-"""Periods in the window of a slow sine."""
+"""Most periods in the window of slow sines."""
 DETERMINATE_SHARE = 0.2
-"""Least share of ordinates beside a sine."""
 SINE_COUNT = 37
 
 LEAST_CHAIN_TURNS = 3.95
-"""Least chain turns of windows with errors."""
 
 LOG_BIAS = -0.577
-"""Mean logarithm of an exponential variate of mean 1."""
 LEAST_ORDINATE_SHARE = 1e-12
 
 MOST_CORRELATION = 0.9
-"""Most that the lag correlation counts for."""
 
 LEAST_PARTS_A_PERIOD = 2.2
-"""Least window parts in a fitted ripple's period."""
 
 SIGNIFICANT_CHANCE = 0.01
 LARGE_DRIFT_SHARE = 0.01
 
 
 def cumulative_counts(counts: NDArray[np.integer]) -> Array:
-    """Cumulative counts over bins (V, bins), nan for overflow."""
+    """Cumulative counts (V, bins) of a histogram, nan for overflow."""
     below = np.cumsum(counts, axis=1, dtype=np.float64)
     below[counts.min(axis=1) < 0] = np.nan
     return below
@@ -68,7 +57,7 @@ def cumulative_counts(counts: NDArray[np.integer]) -> Array:
 def histogram_quantile(
     counts: NDArray[np.integer], edges: Array, low: ArrayLike, high: ArrayLike, share: float, below: Array | None = None
 ) -> Array:
-    """Quantile (R,) of values counted in bins, or nan.
+    """Quantile (R,) of values from a histogram, or nan.
 
     Args:
         counts: (R, bins).
@@ -78,7 +67,7 @@ def histogram_quantile(
     """
     below = cumulative_counts(counts) if below is None else below
     wanted = share * below[:, -1]
-    bins = _first_reaching(below, wanted)
+    bins = _first_bins_reaching(below, wanted)
     row = np.arange(len(counts))
     edge = row * len(edges) // len(counts)
     inside = counts[row, bins]
@@ -90,8 +79,8 @@ def histogram_quantile(
     return np.asarray(from_ + part * (to - from_))
 
 
-def _first_reaching(below: Array, wanted: Array) -> NDArray[np.int64]:
-    """First of ascending numbers (R, bins) that reach those wanted (R,), by halving; 0 for nan."""
+def _first_bins_reaching(below: Array, wanted: Array) -> NDArray[np.int64]:
+    """First bin (R,) whose cumulative count reaches the wanted."""
     row, count = np.arange(len(below)), below.shape[1]
     found, step = np.zeros(len(below), dtype=np.int64), 2 ** (count - 1).bit_length()
     while step > 1:
@@ -104,7 +93,7 @@ def _first_reaching(below: Array, wanted: Array) -> NDArray[np.int64]:
 def histogram_share_below(
     counts: NDArray[np.integer], edges: Array, low: ArrayLike, high: ArrayLike, value: float, below: Array | None = None
 ) -> Array:
-    """Share (R,) of binned values below a value."""
+    """Share (R,) of values below a value, from a histogram."""
     below = cumulative_counts(counts) if below is None else below
     least, most = np.asarray(low, dtype=float), np.asarray(high, dtype=float)
     last = counts.shape[1] - 1
@@ -124,7 +113,7 @@ def histogram_share_below(
 
 
 def lag_correlation(values: Array) -> Array:
-    """Lag-one correlation of values along the last axis."""
+    """Lag-one correlation of batch means along the last axis."""
     apart = values - values.mean(axis=-1, keepdims=True)
     square = (apart * apart).sum(axis=-1)
     lagged = (apart[..., 1:] * apart[..., :-1]).sum(axis=-1)
@@ -132,7 +121,7 @@ def lag_correlation(values: Array) -> Array:
 
 
 def mean_standard_error(means: Array, weights: ArrayLike = 1.0) -> Array:
-    """Standard error (a) of a mean of batches."""
+    """Standard error of the mean of batch means, (a)."""
     weights, count = np.broadcast_to(weights, means.shape), means.shape[-1]
     total = weights.sum(axis=-1, keepdims=True)
     apart = means - (weights * means).sum(axis=-1, keepdims=True) / total
@@ -168,7 +157,7 @@ def _sine_explained_power(found: NDArray[np.complex128], count: int) -> NDArray[
 
 @cache
 def _sine_bases(count: int) -> NDArray[np.float32]:
-    """Ordinates (`LOWEST_ORDINATES`, 2, `SINE_COUNT`) of slow sines."""
+    """Bases (`LOWEST_ORDINATES`, 2, `SINE_COUNT`) of slow sines' ordinates."""
     angle = 2.0 * np.pi * np.linspace(0.3, SLOW_PERIODS, SINE_COUNT)[:, None] * ((np.arange(count) + 0.5) / count - 0.5)
     found = np.fft.rfft(np.stack([np.cos(angle), np.sin(angle)], axis=1))[..., 1 : LOWEST_ORDINATES + 1]
     found *= np.exp(1j * np.pi * (count - 1) / count * np.arange(1, LOWEST_ORDINATES + 1))
@@ -179,12 +168,16 @@ def _sine_bases(count: int) -> NDArray[np.float32]:
 
 @cache
 def _extrapolation_weights() -> Array:
-    """Weights of the ordinates' logarithms in b_0."""
+    """Weights of the ordinates' logarithms in b_0 of (a)."""
     return np.asarray(np.linalg.pinv(np.vander(np.arange(1.0, LOWEST_ORDINATES + 1), 3))[-1])
 
 
 def window_drift(means: Array) -> tuple[Array, Array]:
-    """Drift over the window of means, and its chance."""
+    """Drift of batch means over the window, and its chance.
+
+    The variance is that of independent residuals, times (1 + r) / (1 - r), r >= 0 their lag correlation; drift over
+    error is Student's t of P - 2.
+    """
     count = means.shape[-1]
     place = np.arange(count) - 0.5 * (count - 1)
     square = float((place * place).sum())
@@ -202,7 +195,7 @@ def window_drift(means: Array) -> tuple[Array, Array]:
 
 
 def window_change(means: Array, waves: Array) -> Array:
-    """Change (V,) of window means (V, P), without ripple.
+    """Change (V,) of batch means (V, P), ripple removed.
 
     Args:
         waves: (V,) periods of the ripple in the window, 0 for none.
@@ -218,6 +211,6 @@ def window_change(means: Array, waves: Array) -> Array:
 
 
 def is_steady(means: Array) -> NDArray[np.bool_]:
-    """Whether means along the last axis do not drift."""
+    """Whether batch means along the last axis do not drift."""
     change, chance = window_drift(means)
     return (chance >= SIGNIFICANT_CHANCE) | (np.abs(change) <= LARGE_DRIFT_SHARE * np.abs(means.mean(axis=-1)))

@@ -1,4 +1,4 @@
-"""Forecast of a study before it runs: rows and runs, share of infeasible ones, cost, expected precision."""
+"""Forecast of a study before it runs: runs, share of infeasible rows, cost, expected precision."""
 
 from __future__ import annotations
 
@@ -27,15 +27,13 @@ from warpchain.study.spec import Study
 
 MOST_BUILT_ROWS = 200
 PROBES_PER_CORE = 4
-"""Variants a core that measure the rate of a forecast."""
 PROBE_SECONDS = 0.7
-"""Time of the longer run that measures the rate [s]."""
 MOST_REASONS = 3
 
 
 @dataclass(frozen=True)
 class RunCost:
-    """Cost of a study's runs."""
+    """Forecast cost of a study's runs."""
 
     work: float  # roller-steps of all runs
     rate: float
@@ -62,7 +60,7 @@ class Forecast:
 
     @property
     def run_count(self) -> int:
-        """Number of a study's runs, infeasible ones among them."""
+        """Number of runs forecast, infeasible ones too."""
         return self.rows * self.copies
 
     @property
@@ -73,7 +71,7 @@ class Forecast:
 
     @property
     def infeasible_interval(self) -> tuple[float, float]:
-        """Interval, 95 %, of the share of infeasible rows."""
+        """95 % interval of the share of infeasible rows."""
         from scipy.special import betaincinv
 
         others, n, k = self.rows - self.ruled_out, self.built, self.refused
@@ -85,7 +83,7 @@ class Forecast:
 
     @property
     def relative_precision(self) -> float | None:
-        """Half width of a row's interval over one deviation."""
+        """Half width of a row's interval, in deviations."""
         if self.copies < 2:
             return None
         rows = max(1.0, (1.0 - self.infeasible_share) * self.rows)
@@ -138,7 +136,7 @@ def forecast_study(
 
 
 def _built_drives(study: Study, base: Drive, rows: Sequence[dict[str, Any]]) -> tuple[list[Drive], list[str]]:
-    """Drives of some rows, evenly spread, and reasons of failures."""
+    """Drives of evenly spread rows, and reasons of failures."""
     chosen = sorted({round(place) for place in np.linspace(0, len(rows) - 1, min(len(rows), MOST_BUILT_ROWS)).tolist()})
     variants = [Variant(rows[i]) for i in chosen]
     with warnings.catch_warnings():
@@ -149,7 +147,7 @@ def _built_drives(study: Study, base: Drive, rows: Sequence[dict[str, Any]]) -> 
 
 
 def _run_cost(study: Study, drives: Sequence[Drive], count: float, cores: int, calibrate: bool) -> RunCost:
-    """Cost of `count` runs at measured or stored rates."""
+    """Forecast cost of `count` runs by a step rate."""
     gpus = gpu_count(study.run.device)
     if not drives:
         return RunCost(0.0, 0.0, 0.0, 0.0, False)
@@ -165,7 +163,7 @@ def _run_cost(study: Study, drives: Sequence[Drive], count: float, cores: int, c
 
 
 def _measured_rate(study: Study, drives: Sequence[Drive], count: int, most: float, cores: int) -> tuple[float, float]:
-    """Measured roller-steps a second, and overhead of a variant [s]."""
+    """Measured roller-steps a second, and a variant's overhead [s]."""
     from warpchain.engine.simulation import simulate
     from warpchain.results.run import Record
 
@@ -174,7 +172,7 @@ def _measured_rate(study: Study, drives: Sequence[Drive], count: int, most: floa
     rollers = sum(drive.links * finest / resolve_step(drive, study.run.step) for drive in chosen)
 
     def run_seconds(steps: int) -> float:
-        """Wall time [s] of the chosen variants for `steps`."""
+        """Wall time [s] of the measured variants for `steps`."""
         begin = time.perf_counter()
         simulate(
             chosen,
@@ -205,7 +203,7 @@ def _measured_rate(study: Study, drives: Sequence[Drive], count: int, most: floa
 def _earlier_scatter(
     like: str | os.PathLike[str] | None, metrics: Sequence[str]
 ) -> tuple[tuple[PureError, ...], float | None]:
-    """Scatter of metrics in an earlier study, and window."""
+    """Pure errors of an earlier study, and its window [s]."""
     if like is None:
         return (), None
     path = Path(like)
@@ -217,7 +215,7 @@ def _earlier_scatter(
 
 
 def _window_length(results: Results) -> float | None:
-    """Median length [s] of the metrics' window, or None."""
+    """Median length [s] of metrics' windows, or None."""
     try:
         lengths = results.values("window_end") - results.values("window_start")
     except WarpchainError:
@@ -226,7 +224,7 @@ def _window_length(results: Results) -> float | None:
 
 
 def forecast_lines(forecast: Forecast, wanted: Mapping[str, float] | None = None) -> list[str]:
-    """Lines of text of a forecast.
+    """Lines on a study's forecast.
 
     Args:
         wanted: half width of the 95 % interval by metric.
@@ -268,7 +266,7 @@ def _scatter_line(forecast: Forecast, error: PureError) -> str:
 
 
 def _replicates_line(forecast: Forecast, metric: str, half: float) -> str:
-    """Line of a forecast on replicates for a wanted precision."""
+    """Line of a forecast on replicates for a precision."""
     found = next((error for error in forecast.precision if error.metric == metric), None)
     if found is None:
         raise StudyError(f"--precision {metric}: the earlier study (--like) tells no scatter of it")

@@ -37,7 +37,7 @@ class Until:
 
     @classmethod
     def of(cls, text: str) -> Until:
-        """Growth condition of a text: "se(main effects) < 1 %".
+        """Growth condition from text, "se(main effects) < 1 %".
 
         Raises:
             StudyError: it states none.
@@ -105,7 +105,7 @@ def grow_until(
 
     Args:
         out: folder of a study whose design is sampled.
-        workers, memory, progress: as `run_study`.
+        workers, memory, progress: as of `run_study`.
         report: called after each growth, and at the beginning.
 
     Raises:
@@ -137,7 +137,7 @@ def grow_until(
 
 
 def _judged_metrics(folder: StudyFolder, results: Results) -> tuple[str, ...]:
-    """Metrics on which a study's growth depends."""
+    """Metrics whose main effects decide on a study's growth."""
     from warpchain.study.report.study_page import telling_metrics
 
     named = tuple(name for name in folder.study.named_metrics if name in results.metrics)

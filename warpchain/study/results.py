@@ -1,4 +1,4 @@
-"""Results of a study as a table: a row a variant, a column a factor and a metric, and how each variant ended."""
+"""Results of a study as a table: a row a variant, columns of factors, metrics, and how it ended."""
 
 from __future__ import annotations
 
@@ -27,13 +27,10 @@ if TYPE_CHECKING:
     import pyarrow as pa
 
 ARCHIVE_COLUMNS = ("archive", "archive_variant")
-"""Columns of a recorded variant's archive file and number."""
 ADJUSTMENT_COLUMNS = {"adjusted_links": "", "adjusted_travel": "m"}
-"""Units of the columns of adjustments: number of links, sprocket travel."""
 CHAIN_ADJUSTMENT_ENDINGS = tuple(f".{name}" for name in ADJUSTMENT_COLUMNS)
-"""Ends of chains' adjustment columns."""
 TODAY_COLUMN = "today"
-"""Column that marks today's design, true if added, else null."""
+"""Column of today's design: true if added to the design."""
 RUN_COLUMNS = tuple(column.name for column in RUN_METRICS.columns if column.name not in ("variant", *OUTCOME_COLUMNS))
 SETTLING_COLUMNS = tuple(column.name for column in SETTLING_METRICS.columns)
 BOOKKEEPING_COLUMNS = (
@@ -45,25 +42,20 @@ BOOKKEEPING_COLUMNS = (
     *RUN_COLUMNS,
     *SETTLING_COLUMNS,
 )
-"""Columns that are no factors or metrics."""
 
 
 Array = NDArray[np.float64]
 NOISE, TIED_NOISE = "noise", "tied noise"
-"""Kinds of factors in metadata: noise, and tied to noise."""
 DISTRIBUTION_KEY = "distribution"
-"""Key of a factor's distribution in metadata."""
 EXPRESSION_KEY = "expression_of"
-"""Key in metadata of the factors, a JSON list, of which a factor is an expression."""
 SEARCH_TARGET_KEY = "search_target"
-"""Key of a search's target in field metadata."""
 ROUND_COLUMN = "round"
 MOST_LISTED = 12
 MOST_METRICS = 6
 
 
 def search_target_of(table: pa.Table) -> str:
-    """Target of the search for a table's rows, or ""."""
+    """Target of the search that chose a table's rows, or ""."""
     noted = ((field.metadata or {}).get(SEARCH_TARGET_KEY.encode(), b"") for field in table.schema)
     return next((word.decode() for word in noted if word), "")
 
@@ -108,27 +100,27 @@ class Results:
 
     @property
     def variants(self) -> NDArray[np.int64]:
-        """Variant numbers (R,) of rows."""
+        """Variant number (R,) of each row."""
         if "variant" in self.table.column_names:
             return np.asarray(self.table["variant"].to_pylist(), dtype=np.int64)
         return np.arange(self.table.num_rows)
 
     @property
     def run_counts(self) -> NDArray[np.int64]:
-        """Number (R,) of rows' runs."""
+        """Number (R,) of runs of each row."""
         if not self.has_replicates:
             return np.ones(self.table.num_rows, dtype=np.int64)
         return np.asarray(self.table[COUNT_COLUMN].to_numpy(), dtype=np.int64)
 
     @property
     def adjustment_columns(self) -> tuple[str, ...]:
-        """Columns of what `[adjust]` chose, of several chains each's."""
+        """Names of the columns of adjustments."""
         names = self.table.column_names
         return tuple(n for n in names if n in ADJUSTMENT_COLUMNS or n.endswith(CHAIN_ADJUSTMENT_ENDINGS))
 
     @property
     def has_replicates(self) -> bool:
-        """Whether rows are means of several runs."""
+        """Whether rows of results are means of several runs."""
         names = self.table.column_names
         return COUNT_COLUMN in names and any(_is_error_column(self.table, name) for name in names)
 
@@ -141,26 +133,23 @@ class Results:
 
     @cached_property
     def status(self) -> list[str]:
-        """Status of each row; "ok" if the table has none."""
+        """Status of each row; "ok" without a column."""
         if "status" not in self.table.column_names:
             return ["ok"] * self.table.num_rows
         return [str(word) for word in self.table["status"].to_pylist()]
 
     @cached_property
     def ok(self) -> NDArray[np.bool_]:
-        """(R,) whether each row is "ok"."""
+        """(R,) whether each row of results is "ok"."""
         return np.array([word == "ok" for word in self.status], dtype=bool)
 
     def reason_counts(self) -> list[tuple[str, str, int]]:
-        """Statuses, reasons and numbers of rows not ok.
-
-        Reasons alike but for numbers count as one.
-        """
+        """Statuses, reasons without numbers, and counts of rows not ok."""
         rows = np.flatnonzero(~self.ok).tolist()
         return common_reasons((self.status[row], self.reason(row)) for row in rows)
 
     def reason(self, row: int) -> str:
-        """Reason for which a row is not ok."""
+        """Reason why a row of results is not ok."""
         held = self.table["reason"][row].as_py() if "reason" in self.table.column_names else None
         return held or "no reason given"
 
@@ -170,14 +159,14 @@ class Results:
         return _is_number_column(self.table, name)
 
     def _check_column(self, name: str) -> None:
-        """Raises StudyError for an unknown column."""
+        """Raises StudyError for a column that results lack."""
         if name not in self.table.column_names:
             raise StudyError(
                 f"column {name!r}: not in the table; {nearest_key_text(name, self.table.column_names, MOST_LISTED)}"
             )
 
     def values(self, name: str) -> Array:
-        """Values (R,) of a numeric column, NaN if empty.
+        """Values (R,) of a numeric results column, NaN if empty.
 
         Raises:
             StudyError: no such column, or not of numbers.
@@ -187,7 +176,7 @@ class Results:
         return np.array(self.table[name].cast("float64").to_numpy(), dtype=float)
 
     def text_values(self, name: str) -> list[str]:
-        """Values of a column as strings."""
+        """Values of a results column as strings."""
         self._check_column(name)
         return [str(value) for value in self.table[name].to_pylist()]
 
@@ -201,12 +190,12 @@ class Results:
 
     @property
     def noise_factors(self) -> tuple[str, ...]:
-        """Names of noise factors, and of those tied to noise."""
+        """Names of noise factors, tied ones among them."""
         return tuple(name for name in self.factors if self._noise_kind(name) in (NOISE, TIED_NOISE))
 
     @property
     def free_noise_factors(self) -> tuple[str, ...]:
-        """Names of noise factors that follow no other factor."""
+        """Names of noise factors that are not tied."""
         return tuple(name for name in self.factors if self._noise_kind(name) == NOISE)
 
     @property
@@ -215,7 +204,7 @@ class Results:
         return search_target_of(self.table)
 
     def check_sampled(self) -> None:
-        """Raises StudyError for rows that are no sample of noise."""
+        """Raises StudyError for rows of a search, no sample of noise."""
         if self.search_target:
             raise StudyError(
                 f"noise: these rows look for {self.search_target} and are no sample of the noise: their shares, means, "
@@ -223,10 +212,10 @@ class Results:
             )
 
     def sampled_rows(self) -> Results:
-        """Results of the rows that are a sample.
+        """Results of the rows that no search chose.
 
         Raises:
-            StudyError: all rows search for something.
+            StudyError: a search chose all rows.
         """
         self.check_sampled()
         rows = ~added_rows(self.table)
@@ -237,18 +226,18 @@ class Results:
 
     @property
     def row_of_today(self) -> int | None:
-        """Index of the first row of today's design, or None."""
+        """Index of today's design's first row, or None."""
         if TODAY_COLUMN not in self.table.column_names:
             return None
         marks = self.table[TODAY_COLUMN].to_pylist()
         return next((row for row, mark in enumerate(marks) if mark is not None), None)
 
     def _noise_kind(self, factor: str) -> str:
-        """Kind in a factor's metadata: `NOISE`, `TIED_NOISE`, or ""."""
+        """Kind of noise in a factor's metadata, or ""."""
         return (self.table.schema.field(factor).metadata or {}).get(b"kind", b"").decode()
 
     def distribution(self, factor: str) -> dict[str, Any] | None:
-        """Study-file keys of a factor's distribution, or None."""
+        """Distribution of a factor as in study files, or None."""
         noted = (self.table.schema.field(factor).metadata or {}).get(DISTRIBUTION_KEY.encode())
         return None if noted is None else dict(json.loads(noted))
 
@@ -265,7 +254,7 @@ class Results:
         return tuple(f for f in self.factors if self.is_numeric(f) and is_varying(self.values(f)))
 
     def expression_factors(self) -> dict[str, tuple[str, ...]]:
-        """Factors that are expressions of others in the table, each with these."""
+        """Factors of expressions, with the factors in each."""
         found = {}
         for name in self.factors:
             noted = (self.table.schema.field(name).metadata or {}).get(EXPRESSION_KEY.encode(), b"[]")
@@ -275,7 +264,7 @@ class Results:
         return found
 
     def factor_ties(self) -> dict[str, str]:
-        """Factors that follow from others, by name: expressions of these, or linear in an earlier one."""
+        """Words on factors that follow from others, by factor."""
         kept: dict[str, Array] = {}
         tied = {name: " and ".join(others) for name, others in self.expression_factors().items()}
         for name in self.numeric_factors():
@@ -295,12 +284,12 @@ class Results:
         return tuple(name for name in self.numeric_factors() if name not in tied)
 
     def varying_metrics(self) -> tuple[str, ...]:
-        """Names of metrics that vary among the ok rows."""
+        """Names of metrics that vary among ok rows."""
         return tuple(m for m in self.metrics if is_varying(self.values(m)[self.ok]))
 
 
 def _standardized_values(values: Array) -> Array:
-    """Values (R,) less their mean, scaled to length 1."""
+    """Values (R,) of mean 0 and length 1."""
     x = np.nan_to_num(values - np.nanmean(values))
     return x / np.sqrt(x @ x)
 
@@ -312,7 +301,7 @@ def is_varying(values: Array) -> bool:
 
 
 def _is_number_column(table: pa.Table, name: str) -> bool:
-    """Whether a table's column holds integers, floats or switches."""
+    """Whether a table's column holds numbers or switches."""
     import pyarrow.types as kinds
 
     kind = table.schema.field(name).type
@@ -320,7 +309,7 @@ def _is_number_column(table: pa.Table, name: str) -> bool:
 
 
 def _is_error_column(table: pa.Table, name: str) -> bool:
-    """Whether a column holds standard errors of a metric's mean."""
+    """Whether a table's column holds a metric's standard errors."""
     role = (table.schema.field(name).metadata or {}).get(b"role")
     if role is not None:
         return bool(role == ROLE_OF_ERRORS.encode())
@@ -342,7 +331,7 @@ def read_results(
         metrics: columns that were measured; None takes the other numeric ones.
 
     Raises:
-        StudyError: a table that cannot be read, a column that it lacks, or no factors marked.
+        StudyError: a table that cannot be read, a missing column, or no factors marked.
     """
     import pyarrow as pa
 
@@ -388,5 +377,5 @@ def read_results(
 
 
 def _columns_with_role(table: pa.Table, role: bytes) -> tuple[str, ...]:
-    """Names of a table's columns whose metadata have a role."""
+    """Names of columns with a role in metadata."""
     return tuple(field.name for field in table.schema if (field.metadata or {}).get(b"role") == role)

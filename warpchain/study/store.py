@@ -1,7 +1,6 @@
 """Tables of a study on disk: read from Parquet and CSV, written whole or not at all, recognized by a digest.
 
-A note in the schema's metadata (key `warpchain`, JSON) has the table's name, study, digest and shape, and of a shard
-its rows' statuses (`ended`).
+A note in the metadata (key `warpchain`, JSON) has a table's study, digest and shape, of a shard its rows' statuses.
 """
 
 from __future__ import annotations
@@ -34,54 +33,50 @@ if TYPE_CHECKING:
     import pyarrow as pa
 
 OUTCOME_COLUMNS = ("status", "reason")
-"""Columns of how a variant ended, and why."""
 ROW_STATUSES = (*JUDGED, "infeasible")
-"""Statuses of a study's row, "infeasible" among them."""
 
 _VARIANT_PREFIX = re.compile(r"^variant \d+: ")
 NOTE_KEY = b"warpchain"
 NOTE_HEAD = b"\x18" + bytes([len(NOTE_KEY)]) + NOTE_KEY + b"\x18"
-"""Bytes before the note in a Parquet footer."""
 REMEDY_RERUN = "remove it, and run the study again"
 REMEDY_COPY = "copy it again, or, where a program has changed its values, drop the key warpchain of its metadata"
 
 
 def reason_from_error(error: WarpchainError) -> str:
-    """Message of an error in one line, without variant numbers."""
+    """Message of an error in a line, without variant numbers."""
     return "; ".join(_VARIANT_PREFIX.sub("", str(error)).splitlines())
 
 
 @dataclass(frozen=True)
 class RowOutcomes:
-    """Counts of row statuses of a study's table, and reasons."""
+    """Outcomes of a table's rows: counts of statuses, reasons."""
 
     counts: dict[str, int]  # rows by status
     reasons: list[tuple[str, str, int]]  # (status, reason, number of rows), the earliest first
 
     @staticmethod
     def of_table(table: pa.Table) -> RowOutcomes:
-        """Outcomes of a table's rows, from its columns `OUTCOME_COLUMNS`."""
+        """Outcomes of a study table's rows."""
         pairs = list(zip(*(table[name].to_pylist() for name in OUTCOME_COLUMNS), strict=True))
         given = ((status, reason, 1) for status, reason in pairs if reason is not None)
         return RowOutcomes(dict(Counter(status for status, _ in pairs)), merge_alike_reasons(given))
 
 
 MOST_ROWS, MOST_CELLS = 10_000_000, 2**28
-"""Most rows and cells of a given table."""
 
 
 def read_table(
     path: Path, columns: list[str] | None = None, study: str | None = None, bounded: bool = False
 ) -> pa.Table:
-    """Pyarrow table read from a Parquet or CSV file.
+    """Study table read from a Parquet or CSV file.
 
     Args:
         columns: the digest is checked only if all are read.
-        study: identity of the study that the table must belong to.
+        study: identity that the table must have.
         bounded: whether to refuse more than `MOST_ROWS` or `MOST_CELLS`.
 
     Raises:
-        StudyError: a file that is missing, of another kind or study, too long or damaged, or with decimal commas.
+        StudyError: a missing file, another kind or study, one too long or damaged, or decimal commas.
     """
     import pyarrow as pa
 
@@ -117,14 +112,14 @@ def read_table(
 
 
 def _check_table_size(rows: int, columns: int, path: Path) -> None:
-    """Raises StudyError for a table that is too large."""
+    """Raises StudyError for a stored table that is too large."""
     if rows > MOST_ROWS or rows * columns > MOST_CELLS:
         most = min(MOST_ROWS, MOST_CELLS // max(columns, 1))
         raise StudyError(f"{path}: {rows} rows of {columns} columns; allowed are at most {most} rows")
 
 
 def _check_unique_columns(table: pa.Table, path: Path) -> None:
-    """Raises StudyError for repeated column names."""
+    """Raises StudyError for a stored table's repeated column names."""
     for k, name in enumerate(table.column_names):
         first = table.column_names.index(name)
         if first < k:
@@ -134,7 +129,7 @@ def _check_unique_columns(table: pa.Table, path: Path) -> None:
 
 
 def _check_decimal_points(table: pa.Table, path: Path) -> None:
-    """Raises StudyError for a CSV table with decimal commas."""
+    """Raises StudyError for a stored CSV table with decimal commas."""
     text = "cells are separated by commas, and numbers have decimal points"
     if table.num_columns == 1 and any(sign in table.column_names[0] for sign in ";\t"):
         raise StudyError(f"{path}: {table.column_names[0]!r}: {text}")
@@ -146,7 +141,7 @@ def _check_decimal_points(table: pa.Table, path: Path) -> None:
 
 
 def _verified_table(table: pa.Table, path: Path, whole: bool, study: str | None) -> pa.Table:
-    """Table without its note, whose study and digest are checked."""
+    """Study table without its note, which is checked."""
     held = dict(table.schema.metadata or {})
     note = parse_json(held.pop(NOTE_KEY, b"{}"))
     table = table.replace_schema_metadata(held or None)
@@ -161,7 +156,7 @@ def _verified_table(table: pa.Table, path: Path, whole: bool, study: str | None)
 
 
 def read_row_outcomes(path: Path, study: str, rows: int) -> RowOutcomes:
-    """Statuses and reasons of a shard's rows, read from disk."""
+    """Outcomes of a shard's rows, read from its note."""
     note = _footer_note(path) if study else {}
     try:
         held = note["ended"]
@@ -177,7 +172,7 @@ def read_row_outcomes(path: Path, study: str, rows: int) -> RowOutcomes:
 
 
 def _footer_note(path: Path) -> dict[str, Any]:
-    """Note in a Parquet file's footer; empty for none."""
+    """Note in a Parquet table's footer, or empty."""
     try:
         with path.open("rb") as file:
             size = file.seek(0, 2)
@@ -192,13 +187,13 @@ def _footer_note(path: Path) -> dict[str, Any]:
 
 
 def _note_digest(note: Mapping[str, Any]) -> str:
-    """SHA-256 of a note's entries but `mark`."""
+    """SHA-256 of a study table's note without its mark."""
     held = {name: value for name, value in note.items() if name != "mark"}
     return hashlib.sha256(json.dumps(held, sort_keys=True).encode()).hexdigest()
 
 
 def table_digest(table: pa.Table) -> str:
-    """SHA-256 of a table's names, types, metadata and values."""
+    """SHA-256 of a study table's names, types, metadata and values."""
     import numpy as np
     import pyarrow as pa
 
@@ -216,12 +211,12 @@ def table_digest(table: pa.Table) -> str:
 
 
 def write_table(path: Path, table: pa.Table, keep: bool = False, study: str = "", note_outcomes: bool = False) -> None:
-    """Writes a study's table as Parquet, with a note.
+    """Writes a study table as Parquet, with a note.
 
     Args:
         keep: leave an existing file.
-        study: identity of the study.
-        note_outcomes: whether the note lists the statuses of the rows.
+        study: its identity.
+        note_outcomes: whether the note lists the rows' statuses.
 
     Raises:
         StudyError: a symbolic link in its place, or a folder or disk that refuses.
@@ -253,13 +248,13 @@ def check_no_symlink(path: Path) -> None:
 
 
 def check_archive_name(name: object) -> None:
-    """Raises StudyError for an archive name outside the folder."""
+    """Raises StudyError for an archive outside the study's folder."""
     if not isinstance(name, str) or PurePath(name).is_absolute() or ".." in PurePath(name).parts:
         raise StudyError(f"column 'archive': {name!r} is no file in the study's folder")
 
 
 def file_digest(path: Path) -> str:
-    """SHA-256 of a file's bytes."""
+    """SHA-256 of the bytes of a study's file."""
     try:
         return hashlib.sha256(path.read_bytes()).hexdigest()
     except OSError as error:
@@ -267,14 +262,14 @@ def file_digest(path: Path) -> str:
 
 
 def write_study_text(path: Path, text: str, keep: bool = False) -> None:
-    """Writes a text file of a study, whole or not."""
+    """Writes a study's text file, whole or not."""
     with _refusals_as_study_errors(path, keep):
         files.write_text_file(path, text, not keep)
 
 
 @contextmanager
 def _refusals_as_study_errors(path: Path, keep: bool) -> Iterator[None]:
-    """Context in which refusals of the system become a StudyError."""
+    """Context in which the system's refusals become a StudyError."""
     with refusals_as_errors(path, StudyError):
         try:
             yield

@@ -79,7 +79,7 @@ details.figure[open] img { max-width: none; }
 }
 @media print { details::details-content { content-visibility: visible; display: block; } summary { list-style: none; } }
 """
-"""CSS that HTML pages of a run and of a study share, light and dark."""
+"""CSS of HTML pages, light and dark."""
 PRINT_STYLE = """
 @media print { img, tr { break-inside: avoid; } h2, h3 { break-after: avoid; } }
 @media print { body { background: white; } section { border: 0; padding: 0; } nav { display: none; } }
@@ -93,11 +93,10 @@ PRINT_STYLE = """
 """
 """CSS of an HTML page without a script."""
 MOST_LINKS = 12
-"""Most links at the top of a page."""
 
 
 class PageSection(NamedTuple):
-    """A section of an HTML page: anchor, title, and parts as HTML.
+    """Section of an HTML page: anchor, title, and parts as HTML.
 
     Attributes:
         folded: whether only its title shows until it is clicked.
@@ -114,7 +113,7 @@ class PageSection(NamedTuple):
         return not any(self.parts)
 
     def section_html(self) -> str:
-        """The page section as HTML."""
+        """HTML of the page section."""
         inside, title = "\n".join(part for part in self.parts if part), f"<h2>{escaped_words(self.title)}</h2>"
         head = f"<details>\n<summary>{title}</summary>" if self.folded else title
         foot = "\n</details>" if self.folded else ""
@@ -128,7 +127,7 @@ def page_html(
     end: str = "",
     about: Sequence[str] = (),
 ) -> str:
-    """A whole HTML page of sections that are not empty, with links to them, and `end`.
+    """HTML page of sections that are not empty, with links to them, and `end`.
 
     Args:
         about: what the page is about, below its title: names, digests, dates.
@@ -151,23 +150,23 @@ def page_html(
 
 
 def page_section(name: str, title: str, *parts: str, folded: bool = False) -> PageSection:
-    """A section of an HTML page from anchor, title and nonempty parts."""
+    """Section of an HTML page from anchor, title and nonempty parts."""
     return PageSection(name, title, parts, folded)
 
 
 def folded_html(words: str, *parts: str) -> str:
-    """Parts as HTML that show when `words` above them are clicked; "" without any."""
+    """HTML of parts that show when `words` above them are clicked, or ""."""
     inside = "\n".join(part for part in parts if part)
     return f'<details class="fold">\n<summary>{escaped_words(words)}</summary>\n{inside}\n</details>' if inside else ""
 
 
 def escaped_words(words: str) -> str:
-    """Words as HTML, of which an arrow stays with the words beside it."""
+    """HTML of words, arrows kept with the words beside them."""
     return escape(words).replace(" \N{RIGHTWARDS ARROW} ", "&nbsp;\N{RIGHTWARDS ARROW}&nbsp;")
 
 
 def key_numbers_html(boxes: Iterable[tuple[str, str, str]]) -> str:
-    """Boxes as HTML, each of a kind (a status, or "" for no color), a value and words on it."""
+    """HTML of boxes, each of a status (or ""), a value and words."""
     cells = "".join(
         f'<div class="{escape(kind)}"><b>{escaped_words(value)}</b>{escaped_words(words)}</div>'
         for kind, value, words in boxes
@@ -176,22 +175,22 @@ def key_numbers_html(boxes: Iterable[tuple[str, str, str]]) -> str:
 
 
 def heading_html(words: str) -> str:
-    """A heading inside a section, as HTML."""
+    """HTML of a heading inside a page section."""
     return f"<h3>{escaped_words(words)}</h3>"
 
 
 def paragraph_html(words: str, muted: bool = False) -> str:
-    """A paragraph as HTML."""
+    """HTML of a paragraph."""
     return f'<p class="muted">{escaped_words(words)}</p>' if muted else f"<p>{escaped_words(words)}</p>"
 
 
 def bullets_html(lines: Iterable[str]) -> str:
-    """A bulleted list as HTML."""
+    """HTML of a bulleted list."""
     return "<ul>\n" + "\n".join(f"<li>{escaped_words(line)}</li>" for line in lines) + "\n</ul>"
 
 
 def engineering_number(value: float, digits: int = 5) -> str:
-    """A number as a page's text: plain from 0.001 to a million, else with a power of ten."""
+    """Text of a number on an HTML page: plain from 0.001 to a million."""
     if value != value:
         return "\N{EN DASH}"
     size = abs(value)
@@ -203,7 +202,7 @@ def engineering_number(value: float, digits: int = 5) -> str:
 
 
 def column_number(value: float, decimals: int) -> str:
-    """A number as text with its table column's decimals, at least two digits."""
+    """Text of a number in an HTML table, with its column's decimals."""
     return (
         engineering_number(value, significant_digits(value, decimals))
         if math.isfinite(value)
@@ -212,12 +211,12 @@ def column_number(value: float, decimals: int) -> str:
 
 
 def significant_digits(value: float, decimals: int) -> int:
-    """Significant digits (2 to 15) of a table's number with so many decimals."""
+    """Significant digits (2 to 15) of an HTML table's number with so many decimals."""
     return max(2, min(15, decimals + 1 + math.floor(math.log10(abs(value))))) if value else 2
 
 
 def _cell_text(value: Any) -> str:
-    """An HTML table cell's value as text, a dash for None."""
+    """Text of an HTML table's cell, a dash for None."""
     if value is None:
         return "\N{EN DASH}"
     return engineering_number(value) if isinstance(value, float) else str(value)
@@ -227,17 +226,17 @@ _NUMBER_PATTERN = re.compile(r"-?\d+(\.\d+)?(e[-+]\d+)?|\N{EN DASH}")
 
 
 def _is_number_cell(value: Any) -> bool:
-    """Whether an HTML table cell is a number, or empty."""
+    """Whether an HTML table's cell is a number, or empty."""
     return isinstance(value, int | float) or bool(_NUMBER_PATTERN.fullmatch(_cell_text(value)))
 
 
 def _breakable_name(word: str) -> str:
-    """A column's name as HTML that may break behind dots and underscores."""
+    """HTML of a column's name that may break at dots and underscores."""
     return re.sub(r"([._])", r"\1<wbr>", escaped_words(word))
 
 
 def table_html(heads: Sequence[str], rows: Iterable[Sequence[Any]]) -> str:
-    """A table as HTML, columns of numbers on the right; "" without rows."""
+    """HTML of a table, columns of numbers on the right; "" without rows."""
     rows = [list(row) for row in rows]
     if not rows:
         return ""
@@ -255,7 +254,7 @@ def table_html(heads: Sequence[str], rows: Iterable[Sequence[Any]]) -> str:
 
 
 def picture_html(figure: Figure, words: str, kind: str = "svg+xml") -> str:
-    """A figure as an HTML image of SVG or PNG, described by `words`; one of SVG is dark where the page is."""
+    """HTML image (SVG or PNG) of a figure, described by `words`; an SVG one is dark where the page is."""
     import matplotlib
 
     buffer = io.BytesIO()
@@ -268,21 +267,21 @@ def picture_html(figure: Figure, words: str, kind: str = "svg+xml") -> str:
 
 
 def zoomed_picture_html(figure: Figure, words: str) -> str:
-    """A figure as HTML that fits its page, and opens at full size when it is clicked."""
+    """HTML of a figure that opens at full size when it is clicked."""
     return f'<details class="figure"><summary>{picture_html(figure, words)}</summary></details>'
 
 
 DARK_GROUND, DARK_INK = (0x1B, 0x23, 0x2B), (0xDB, 0xE2, 0xE8)
-"""Colors of white and of black where a page is dark."""
+"""Colors of white and black on dark pages."""
 DARK_COLORS = {
     "#1f77b4": "#58a9e0", "#d62728": "#ef6b6b", "#9467bd": "#b392e0", "#8c564b": "#c99284",
     "#2ca02c": "#4fc04f", "#8b5fbf": "#b392e0", "#c9302c": "#ef6b6b",
 }  # fmt: skip
-"""Colors of curves and parts that are too dark there, and what they become."""
+"""Colors too dark for dark pages, and what they become."""
 
 
 def _svg_of_both_schemes(text: str) -> str:
-    """An SVG figure that is dark where the reader prefers that: grays turn around, dark colors get lighter."""
+    """SVG of a figure for HTML that is dark where the reader prefers that."""
     turned = {color: DARK_COLORS[color] for color in DARK_COLORS if color in text}
     for found in {found for found in re.findall(r"#([0-9a-f]{6})\b", text) if found[:2] == found[2:4] == found[4:]}:
         share = int(found[:2], 16) / 255.0

@@ -19,18 +19,17 @@ from warpchain.view.figures.drive_figure import drive_figure
 from warpchain.view.html import picture_html
 
 PICTURE_SIZE = 4.0
-"""Longer side of a drive in a picture [in]."""
+"""Longer side of a drive's picture [in]."""
 SHOWN_ROWS = 20
-"""Most rows of a table that a notebook shows."""
 STATUS_COLORS = {OK: "#2e9e4f", SUSPECT: "#d08700", DIVERGED: "#d1394b"}
 
 
 class Markup(str):
-    """A text that is HTML already, which `notebook_table` does not escape."""
+    """HTML that `notebook_table` does not escape."""
 
 
 def notebook_html(thing: Any) -> str:
-    """A drive, run or trajectory as HTML for notebooks; raises TypeError otherwise."""
+    """HTML of a drive, run or trajectory for notebooks; raises TypeError for others."""
     if isinstance(thing, Drive):
         return _drive_html(thing)
     if isinstance(thing, Run):
@@ -41,10 +40,10 @@ def notebook_html(thing: Any) -> str:
 
 
 def notebook_table(head: Sequence[str], rows: Sequence[Sequence[str]], caption: str = "") -> str:
-    """A table as HTML for notebooks; cells but `Markup` are escaped."""
+    """HTML of a table for notebooks; cells but `Markup` are escaped."""
 
     def row_html(cells: Sequence[str], tag: str) -> str:
-        """A row of a notebook's table as HTML, in cells of a tag."""
+        """HTML of a notebook table's row, in cells of a tag."""
         words = [cell if isinstance(cell, Markup) else escape(cell) for cell in cells]
         sides = ["left", *["right"] * (len(words) - 1)]
         inner = (f'<{tag} style="text-align:{side}">{w}</{tag}>' for w, side in zip(words, sides, strict=True))
@@ -56,12 +55,12 @@ def notebook_table(head: Sequence[str], rows: Sequence[Sequence[str]], caption: 
 
 
 def status_html(status: str) -> Markup:
-    """A variant's status as HTML in its color."""
+    """HTML of a variant's status for notebooks, in its color."""
     return Markup(f'<b style="color:{STATUS_COLORS.get(status, "inherit")}">{escape(status)}</b>')
 
 
 def value_with_unit(value: Any, unit: str) -> str:
-    """A value [SI] as a notebook's text, such as 42.2 kN, or "-"."""
+    """Text of a value [SI] for notebooks, such as 42.2 kN, or "-"."""
     if value is None:
         return "-"
     bare = isinstance(value, bool | str) or not math.isfinite(value)
@@ -69,12 +68,12 @@ def value_with_unit(value: Any, unit: str) -> str:
 
 
 def _side_by_side_html(left: str, right: str) -> str:
-    """HTML of two elements side by side."""
+    """HTML of two elements side by side, for notebooks."""
     return f'<div style="display:flex;flex-wrap:wrap;gap:1.5em;align-items:flex-start">{left}<div>{right}</div></div>'
 
 
 def _drive_picture(of: Drive | Trajectory, frame: int | None = None) -> str:
-    """A drive's picture as HTML for notebooks, or the error's words."""
+    """HTML of a drive's picture for notebooks, or of the error."""
     try:
         return picture_html(drive_figure(of, frame, size=PICTURE_SIZE), "the drive", "png")
     except WarpchainError as error:
@@ -82,7 +81,7 @@ def _drive_picture(of: Drive | Trajectory, frame: int | None = None) -> str:
 
 
 def _drive_html(drive: Drive) -> str:
-    """A drive as HTML: picture, chains with their sprockets, and run settings."""
+    """HTML of a drive for notebooks: picture, chains with sprockets, run settings."""
     warm = "" if drive.temperature is None else f"{drive.temperature:g} \N{DEGREE SIGN}C, "
     run = f"{warm}{drive.run.duration:g} s, {drive.run.integrator}, step {drive.run.step}"
     right = "".join(_chain_html(model) for model in Model(drive).chains) + f"<p>{escape(run)}</p>"
@@ -90,7 +89,7 @@ def _drive_html(drive: Drive) -> str:
 
 
 def _chain_html(model: ChainModel) -> str:
-    """A chain and its sprockets as HTML."""
+    """HTML of a chain and its sprockets for notebooks."""
     chain, named = model.chain, f"<p>{escape(model.name)}</p>" if model.name else ""
     size = f"{chain.size}, " if chain.size else ""
     about = f"{chain.links} links of {1e3 * chain.pitch:g} mm ({size}{value_with_unit(chain.mass, 'kg')} a roller)"
@@ -110,7 +109,7 @@ def _chain_html(model: ChainModel) -> str:
 
 
 def _notebook_metrics(drive: Drive) -> list[str]:
-    """Names of the metrics that a notebook shows of a run."""
+    """Names of the metrics that a notebook shows."""
     names = [*(f"{chain}tension_{of}" for chain in drive.chain_prefixes for of in ("mean", "max")), "efficiency"]
     for sprocket in drive.sprockets:
         names += [f"{sprocket.name}.speed_mean", f"{sprocket.name}.moment_mean", f"{sprocket.name}.force_max"]
@@ -119,7 +118,7 @@ def _notebook_metrics(drive: Drive) -> list[str]:
 
 
 def _run_html(run: Run) -> str:
-    """A run as HTML: picture, and metrics or a row a variant."""
+    """HTML of a run for notebooks: picture, and metrics or a row a variant."""
     rows, names = run.metrics.to_pylist(), run.metrics.column_names
     info = f"{len(rows)} variants" if len(rows) != 1 else "1 variant"
     about = f"{info}, {len(run)} recorded; {run.info.device}, {run.info.precision}, {run.info.wall_time:.1f} s"
@@ -148,7 +147,7 @@ def _run_html(run: Run) -> str:
 
 
 def _trajectory_html(trajectory: Trajectory) -> str:
-    """A trajectory as HTML: picture, and its channels with unit and shape."""
+    """HTML of a trajectory for notebooks: picture, channels with unit and shape."""
     frames = len(trajectory.time)
     spell = f"{trajectory.time[0]:g} to {trajectory.time[-1]:g} s" if frames else "empty"
     rows = [

@@ -26,32 +26,32 @@ CURVE_PALETTE: tuple[Color, ...] = (
     *((90, 170, 240), (250, 165, 100), (125, 210, 125), (220, 110, 200), (230, 220, 90), (120, 225, 225)),
     *((240, 130, 125), (170, 145, 250), (185, 150, 115), (165, 230, 50), (150, 190, 165), (245, 180, 225)),
 )
-"""Colors of curves in Rerun and of compared variants."""
+"""Colors of curves and compared variants."""
 EXTREME_COLORS: dict[str, Color] = {"largest": (255, 75, 75), "mean": (240, 240, 240), "smallest": (95, 120, 255)}
-"""Colors of the curves of the largest, mean and smallest tension."""
+"""Colors of the largest, mean and smallest tension."""
 SHOWN_DOT, RECORDED_DOT, BEST_DOT, OTHER_DOT = (240, 90, 60), (90, 170, 240), (240, 200, 60), (140, 140, 140)
-"""Colors of variants' dots: played, recorded, on the Pareto front, all others."""
+"""Colors of variants' dots: played, recorded, on the Pareto front, others."""
 BREAKING_LOAD = "breaking"
-"""Word for the chain's breaking load as the tension scale's end."""
+"""Word for a tension scale up to the breaking load."""
 QUANTILE_FRAMES = 500
-"""Frames, about, from which the tension scale's quantile is taken."""
+"""Frames for the tension scale's quantile, about."""
 ScaleTop = float | str | None
-"""Upper end of the tension color scale: [N], `BREAKING_LOAD`, or None for a quantile."""
+"""Upper end of the tension scale: [N], `BREAKING_LOAD`, or None for a quantile."""
 
 
 def variant_shades(color: Color) -> tuple[Color, ...]:
-    """Four shades of a variant's color for its curves."""
+    """Palette of a variant's curves: four shades of its color."""
     return (color, _mixed_color(color, 0.38, 255), _mixed_color(color, 0.66, 255), _mixed_color(color, 0.15, 0))
 
 
 def _mixed_color(color: Color, share: float, gray: int) -> Color:
-    """A color mixed by a share with a gray."""
+    """Color mixed with a share of gray."""
     red, green, blue = (round(part + share * (gray - part)) for part in color)
     return red, green, blue
 
 
 def curve_colors(parts: Drive | ChainModel, variant: Color | None = None) -> dict[str, Color]:
-    """Colors of curves by part's name, shades of `variant` if given."""
+    """Palette of curves by part's name, shades of `variant` if given."""
     bodies = [*(s.name for s in parts.sprockets), *(g.name for g in parts.guides)]
     others = [part.name for kind in dict.fromkeys(row[0] for row in PART_SIGNALS) for part in getattr(parts, kind)]
     if variant is None:
@@ -67,12 +67,12 @@ def curve_colors(parts: Drive | ChainModel, variant: Color | None = None) -> dic
 
 @lru_cache(maxsize=1)
 def tension_color_table() -> NDArray[np.uint8]:
-    """Colors (256, 4) of the tension scale."""
+    """Palette (256, 4) of the tension scale."""
     return tension_colors(np.arange(256.0), 255.0)
 
 
 def tension_color_steps(tension: NDArray[np.floating], top: float) -> NDArray[np.uint8]:
-    """Tensions [N] as steps 0 to 255 of the color scale up to `top` [N]."""
+    """Steps, 0 to 255, of tensions [N] on the scale up to `top` [N]."""
     share = np.asarray(tension, dtype=np.float32) * np.float32(255.0 / top)
     share += np.float32(0.5)
     np.clip(share, 0.0, 255.0, out=share)
@@ -80,18 +80,18 @@ def tension_color_steps(tension: NDArray[np.floating], top: float) -> NDArray[np
 
 
 def packed_tension_colors(steps: NDArray[np.uint8]) -> NDArray[np.uint32]:
-    """Colors of the tension scale's steps as Rerun's integers."""
+    """Colors of the tension scale's steps, as Rerun's integers."""
     return _packed_color_table()[steps]
 
 
 @lru_cache(maxsize=1)
 def _packed_color_table() -> NDArray[np.uint32]:
-    """Colors (256,) of the tension scale as Rerun's integers."""
+    """Palette (256,) of the tension scale, as Rerun's integers."""
     return tension_color_table().view(">u4")[:, 0].astype(np.uint32)
 
 
 def tension_colormap() -> ListedColormap:
-    """The tension scale as a matplotlib color map."""
+    """Color map of matplotlib for the tension scale."""
     from matplotlib.colors import ListedColormap
 
     return ListedColormap(tension_color_table() / 255.0)

@@ -28,7 +28,7 @@ RunSource = Run | str | Path
 
 @dataclass(frozen=True)
 class RecordedVariant:
-    """A recorded variant to draw, with its label beside others; `chain` is that of one of several chains."""
+    """Recorded variant, or its one chain `chain`, to draw with a label."""
 
     run: Run
     index: int
@@ -38,7 +38,7 @@ class RecordedVariant:
 
 
 def recorded_variant(source: RunSource, variant: int | None, needed: Sequence[str] = DRIVE_CHANNELS) -> RecordedVariant:
-    """A recorded variant of a run or archive to draw; None takes the first.
+    """Recorded variant of a run or archive, to draw; None takes the first.
 
     Raises:
         ArchiveError: an archive that cannot be read.
@@ -57,7 +57,7 @@ def recorded_variant(source: RunSource, variant: int | None, needed: Sequence[st
 
 
 def variants_by_chain(one: RecordedVariant) -> list[RecordedVariant]:
-    """Chains of a recorded variant, each as a variant to draw."""
+    """Chains of a recorded variant, each to draw as one."""
     chains = chain_trajectories(one.trajectory).items()
     return [replace(one, trajectory=chain, label=f"{one.label} {name}".rstrip(), chain=name) for name, chain in chains]
 
@@ -68,10 +68,9 @@ def compared_variants(
     others: Sequence[str | int | Run | Path],
     needed: Sequence[str] = DRIVE_CHANNELS,
 ) -> list[RecordedVariant]:
-    """Recorded variants to compare in a picture, each once, with labels that differ.
+    """Recorded variants to compare in a picture, each once, with labels.
 
-    `others` are each a variant's number in `source`, another run or archive, or "ARCHIVE:NUMBER"; raises as
-    `recorded_variant`.
+    `others` are numbers in `source`, other runs or archives, or "ARCHIVE:NUMBER"; raises as `recorded_variant`.
     """
     first = recorded_variant(source, variant, needed)
     home = "" if isinstance(source, Run) else Path(source).stem
@@ -121,7 +120,7 @@ def _variant_address(word: str | int | Run | Path) -> tuple[Run | str | None, in
 
 
 def varied_inputs(run: Run) -> dict[str, np.ndarray]:
-    """Numbers of the drive that vary in a run: values (V,) by key path."""
+    """Numbers (V,) of the drive that vary in a run, by key path."""
     flat = [_numbers_by_path(drive.as_read.model_dump()) for drive in run.drives]
     names: dict[str, None] = {}
     for values in flat:
@@ -131,7 +130,7 @@ def varied_inputs(run: Run) -> dict[str, np.ndarray]:
 
 
 def _numbers_by_path(node: object, path: str = "") -> dict[str, float]:
-    """Numbers in a drive's nested tables and lists by key path."""
+    """Numbers in a variant's nested tables and lists, by key path."""
     if isinstance(node, bool) or node is None or isinstance(node, str):
         return {}
     if isinstance(node, (int, float)):
@@ -149,6 +148,6 @@ def _numbers_by_path(node: object, path: str = "") -> dict[str, float]:
 
 
 def legend_titles(shown: Sequence[RecordedVariant]) -> list[str]:
-    """Words by which legends distinguish variants and chains: of one variant its chains' names, "" of an only chain."""
+    """Legends' words for recorded variants and chains, "" of an only one."""
     single = len({(id(one.run), one.index) for one in shown}) == 1
     return [one.chain if single else one.label for one in shown]

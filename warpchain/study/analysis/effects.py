@@ -1,11 +1,11 @@
-"""Main effects of factors on metrics, as means and medians, and correlations, over the variants that are ok.
+"""Main effects of factors on metrics, as means and medians, and correlations, over ok variants.
 
 A factor with G groups that takes up the part E of a metric's variance among R rows has
 
     F = E / (1 - E) (R - G) / (G - 1),                                                                        (a)
 
-noncentral F-distributed with the noncentrality R E' / (1 - E'), E' the part of infinitely many rows (Steiger 2004). The
-interval of a median is between the k-th values from either end, k by a binomial of 1/2 (Conover 1999, 3.2).
+of noncentrality R E' / (1 - E'), E' the part of infinitely many rows (Steiger 2004). Intervals of medians are binomial
+(Conover 1999, 3.2).
 """
 
 from __future__ import annotations
@@ -22,7 +22,6 @@ from warpchain.study.analysis.pure_error import CONFIDENCE, pure_error, student_
 from warpchain.study.results import Array, Results, is_varying
 
 MOST_GROUPS = 8
-"""Most groups of a factor of many values."""
 FEWEST_GROUP_ROWS = 5
 TRANSFORMS = ("rank", "log")
 
@@ -38,7 +37,7 @@ class Effect:
         errors: (G,) standard errors; NaN for one variant.
         counts: (G,) variants.
         explained: part of the metric's variance between groups [-].
-        scatter: (G,) standard errors from scatter between equal runs alone; None without replicates.
+        scatter: (G,) standard errors from equal runs alone; None without replicates.
     """
 
     factor: str
@@ -52,18 +51,18 @@ class Effect:
 
     @property
     def row_count(self) -> int:
-        """Number of variants in all groups of a main effect."""
+        """Number of variants in a main effect's groups."""
         return int(self.counts.sum())
 
     @property
     def intervals(self) -> Array:
-        """Half widths (G,) of the group means' 95 % intervals."""
+        """Half widths (G,) of group means' 95 % intervals."""
         t = np.array([student_quantile(count - 1) if count > 1 else np.nan for count in self.counts.tolist()])
         return np.asarray(t * self.errors)
 
     @property
     def chance(self) -> float:
-        """Probability that chance alone explains as much as the factor."""
+        """Probability that chance explains as much as the factor."""
         from scipy.special import fdtrc
 
         between, within = len(self.counts) - 1, self.row_count - len(self.counts)
@@ -73,13 +72,13 @@ class Effect:
 
     @property
     def adjusted_share(self) -> float:
-        """Share of the metric's variance that the factor explains, less what chance would (Ezekiel 1930)."""
+        """Share of the variance that the factor explains beyond chance (Ezekiel 1930)."""
         freedom = self.row_count - len(self.counts)
         return max(0.0, 1.0 - (1.0 - self.explained) * (self.row_count - 1) / freedom) if freedom > 0 else float("nan")
 
     @property
     def explained_interval(self) -> tuple[float, float]:
-        """Interval, 95 %, of the part explained by the factor."""
+        """95 % interval of the factor's explained share."""
         between, within = len(self.counts) - 1, self.row_count - len(self.counts)
         if between < 1 or within < 1:
             return 0.0, 1.0
@@ -90,7 +89,7 @@ class Effect:
         return low, high
 
     def _f_ratio(self) -> float:
-        """F ratio of a factor's effect, eq. (a)."""
+        """F ratio of a factor's effect, (a)."""
         between, within = len(self.counts) - 1, self.row_count - len(self.counts)
         left = 1.0 - self.explained
         return self.explained / left * within / between if left > 0.0 else float("inf")
@@ -107,7 +106,7 @@ def main_effects(results: Results, metric: str, factors: tuple[str, ...] | None 
     Tied factors are left out unless asked for.
 
     Raises:
-        StudyError: too few usable variants, an unknown column, or rows that are no sample of the noise.
+        StudyError: too few usable variants, an unknown column, or rows of a search.
     """
     results.check_sampled()
     rows = results.usable_rows(metric)
@@ -133,7 +132,7 @@ def main_effects(results: Results, metric: str, factors: tuple[str, ...] | None 
 def factor_groups(
     results: Results, factor: str, rows: NDArray[np.bool_]
 ) -> tuple[NDArray[np.intp], tuple[str, ...], Array]:
-    """Groups (R,) of rows by a factor, labels and centers (G,)."""
+    """Groups (R,) of rows by a factor's value, labels and centers (G,)."""
     if not results.is_numeric(factor):
         words = [word for word, row in zip(results.text_values(factor), rows, strict=True) if row]
         labels, group = np.unique(words, return_inverse=True)
@@ -151,7 +150,7 @@ def factor_groups(
 
 
 def _group_effect(factor: str, labels: tuple[str, ...], centers: Array, group: NDArray[np.intp], y: Array) -> Effect:
-    """Main effect of a factor on grouped metric values (R,)."""
+    """Main effect of a factor from grouped metric values (R,)."""
     counts = np.bincount(group)
     means = np.bincount(group, y) / counts
     inside = np.bincount(group, (y - means[group]) ** 2)
@@ -163,7 +162,7 @@ def _group_effect(factor: str, labels: tuple[str, ...], centers: Array, group: N
 
 
 def _noncentrality_of_share(between: int, within: int, ratio: float, share: float) -> float:
-    """Noncentrality at which noncentral F has a share below."""
+    """Noncentrality with probability `share` of F below `ratio`."""
     from scipy.optimize import brentq
     from scipy.special import ncfdtr
 
@@ -171,7 +170,7 @@ def _noncentrality_of_share(between: int, within: int, ratio: float, share: floa
         return float("inf")
 
     def share_error(noncentrality: float) -> float:
-        """Share of noncentral F below `ratio`, less the wanted share."""
+        """Probability of F below `ratio`, less `share`."""
         return float(ncfdtr(between, within, noncentrality, ratio)) - share
 
     if share_error(0.0) <= 0.0:
@@ -201,16 +200,16 @@ class Correlation:
     counts: NDArray[np.int64]
 
     def noise_level(self) -> float:
-        """Correlation that chance exceeds in 5 %: 1.96 / sqrt(n - 1)."""
+        """Correlation that chance exceeds in 5 % of cases."""
         least = int(self.counts.min()) if len(self.counts) else 0
         return float(min(1.0, 1.96 / np.sqrt(max(least - 1, 1))))
 
 
 def correlation(results: Results, metrics: tuple[str, ...] | None = None) -> Correlation:
-    """Pearson and Spearman correlation of numeric factors with metrics.
+    """Pearson and Spearman correlations of numeric factors with metrics.
 
     Raises:
-        StudyError: no numeric factor that varies, too few usable variants, or rows that are no sample of the noise.
+        StudyError: no numeric factor that varies, too few usable variants, or rows of a search.
     """
     from scipy.stats import rankdata
 
@@ -238,14 +237,14 @@ def correlation(results: Results, metrics: tuple[str, ...] | None = None) -> Cor
 
 
 def _pearson_coefficient(x: Array, y: Array) -> float:
-    """Linear correlation coefficient of x and y (R,)."""
+    """Pearson correlation coefficient of x and y (R,)."""
     x, y = x - x.mean(), y - y.mean()
     size = float(np.sqrt((x @ x) * (y @ y)))
     return float(x @ y) / size if size > 0.0 else float("nan")
 
 
 def transform_metric(results: Results, metric: str, how: str) -> Results:
-    """Results with a metric replaced by its rank or logarithm.
+    """Results with a metric's rank or logarithm in its place.
 
     Args:
         how: "rank" (of the ok variants, 1 the lowest) or "log".
@@ -286,7 +285,7 @@ class MedianEffect:
     Attributes:
         labels: (G,) names of groups.
         centers: (G,) mean factor values; counts from 0 of words.
-        low, high: (G,) 95 % intervals of medians; infinite for fewer than 6 variants.
+        low, high: (G,) 95 % intervals; infinite for fewer than 6 variants.
     """
 
     factor: str
@@ -304,7 +303,7 @@ class MedianEffect:
 
 
 def median_interval(values: Array) -> tuple[float, float]:
-    """Interval, 95 %, of a median; infinite below 6 values."""
+    """95 % interval of a median; infinite below 6 values."""
     from scipy.stats import binom
 
     n = len(values)
@@ -316,10 +315,10 @@ def median_interval(values: Array) -> tuple[float, float]:
 
 
 def median_effects(results: Results, metric: str) -> list[MedianEffect]:
-    """Medians of a metric over groups of each factor.
+    """Median effects: medians of a metric in groups of each factor.
 
     Raises:
-        StudyError: too few usable variants, an unknown column, or rows that are no sample of the noise.
+        StudyError: too few usable variants, an unknown column, or rows of a search.
     """
     results.check_sampled()
     y, tied = results.values(metric), results.factor_ties()

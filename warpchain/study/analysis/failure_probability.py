@@ -1,14 +1,14 @@
 """Probability of failure by subset simulation, and the likeliest ways to fail.
 
-What is uncertain is u, standard normal (D,); it fails where g(u) <= 0. Of samples beyond a threshold, the part p_j (a
-tenth, or more where g has steps) is beyond the next lower one (Au and Beck 2001):
+Unknowns u are standard normal (D,) and fail where g(u) <= 0. The part p_j of samples is beyond each next threshold (Au
+and Beck 2001), n_f of the last n fail:
 
-    P = p_1 p_2 ... p_(m-1) (n_f / n),                                                                       (a)
+    P = p_1 p_2 ... p_(m-1) (n_f / n).                                                                       (a)
 
-n_f of n samples of the last level failing. Samples are chains of steps v = r u + sqrt(1 - r^2) x (Papaioannou et al.
-2015). R repetitions are log-normal; with m and s mean and deviation of their logarithms (Olsson 2005),
+Samples are chains of steps v = r u + sqrt(1 - r^2) x (Papaioannou et al. 2015). With m and s mean and deviation of
+log P in R repetitions, t Student's of R - 1, 98 % (Olsson 2005),
 
-    log P = m + s^2 / 2 +- t sqrt(s^2 / R + s^4 / (2 (R - 1))),      t Student's of R - 1, 98 %.             (b)
+    log P = m + s^2 / 2 +- t sqrt(s^2 / R + s^4 / (2 (R - 1))).                                              (b)
 """
 
 from __future__ import annotations
@@ -23,28 +23,22 @@ from warpchain.errors import StudyError
 from warpchain.study.results import Array
 
 Margin = Callable[[Array], Array]
-"""Margin g (N,) of points (N, D), above 0 where limits are kept."""
+"""Margin g (N,) at points (N, D), above 0 within limits."""
 LEVEL_SHARE = 0.1
-"""Share of samples beyond a threshold."""
 ACCEPTANCE_RATE = 0.44
 MOST_LEVELS = 12
-"""Most levels of subset simulation."""
 MOST_BATCHES = 3
 LEVEL_MESSAGE = (
     "the probability of failure is unknown: all {count} runs in one of {repeats} repetitions of subset simulation are "
     "equally far from the limit, so that nothing leads to failures; raise risk.count, or limit a metric that varies"
 )
 NOMINAL_LEVEL = 0.98
-"""Level of Student's t."""
 WAY_COSINE = 0.5
-"""Cosine of different ways to fail."""
+"""Cosine of the angle between ways to fail."""
 FARTHEST_BEYOND = 2.0
-"""Most distance of a design point beyond the nearest one."""
 MOST_DESIGN_POINTS = 8
 DESIGN_POINT_STEPS = 4
-"""Most steps towards a design point."""
 LEAST_GAIN = 0.001
-"""Least gain of a step towards a design point, relative."""
 
 
 @dataclass(frozen=True)
@@ -59,7 +53,7 @@ class FailureEstimate:
 
 
 def subset_simulation(margin: Margin, dimensions: int, count: int, repeats: int, seed: int) -> FailureEstimate:
-    """Probability of failure by subset simulation, eq. (a) and (b).
+    """Probability of failure by subset simulation, (a) and (b).
 
     Args:
         margin: g, called with up to repeats * count points.
@@ -106,7 +100,7 @@ def subset_simulation(margin: Margin, dimensions: int, count: int, repeats: int,
 
 
 def _next_thresholds(g: Array, seeds: int) -> Array:
-    """Next thresholds (R,) of samples with margins g (R, n)."""
+    """Thresholds (R,) of subset simulation's next level, by margins g (R, n)."""
     ordered = np.sort(g, axis=1)
     limit = ordered[:, seeds - 1]
     same = limit == ordered[:, -1]
@@ -115,7 +109,7 @@ def _next_thresholds(g: Array, seeds: int) -> Array:
 
 
 def _chosen_seeds(places: NDArray[np.intp], count: int, rng: np.random.Generator) -> NDArray[np.intp]:
-    """Random choice of `count` places."""
+    """Random choice of `count` seeds of subset simulation."""
     return rng.choice(places, count, replace=len(places) < count)
 
 
@@ -125,7 +119,7 @@ def _level_samples(
     """Samples of subset simulation's next level, their g, and evaluations.
 
     Args:
-        start: first sample of each chain (R, seeds, D), and g there.
+        start: first sample of each chain (R, seeds, D), and its g.
         limit: (R,) threshold.
     """
     u, g = start
@@ -144,7 +138,7 @@ def _level_samples(
 
 
 def _lognormal_interval(logs: Array) -> tuple[float, float]:
-    """Interval of a failure probability from logarithms in repetitions, (b)."""
+    """Interval of a failure probability by repetitions' logarithms, (b)."""
     from scipy.stats import t
 
     count, variance = len(logs), float(logs.var(ddof=1))
@@ -154,25 +148,22 @@ def _lognormal_interval(logs: Array) -> tuple[float, float]:
 
 
 def design_points(margin: Margin, failed: Array) -> tuple[Array, int]:
-    """Design points (K, D) of failure, and evaluations of g.
-
-    They are found by steps of Hasofer, Lind, Rackwitz and Fiessler.
-    """
-    points, evaluations = nearest_by_direction(failed), 0
+    """Design points (K, D) of failure (Hasofer and Lind 1974), and evaluations of g."""
+    points, evaluations = nearest_failures(failed), 0
     for _ in range(DESIGN_POINT_STEPS):
         stepped, more = _points_after_step(margin, points)
         evaluations += more
         before, after = np.linalg.norm(points, axis=1), np.linalg.norm(stepped[0], axis=1)
         better = stepped[1] & (after < before)
         settled = not (better & (after < (1.0 - LEAST_GAIN) * before)).any()
-        points = nearest_by_direction(np.where(better[:, None], stepped[0], points))
+        points = nearest_failures(np.where(better[:, None], stepped[0], points))
         if settled:
             break
     return points, evaluations
 
 
-def nearest_by_direction(points: Array) -> Array:
-    """Failed points (N, D) nearest to the origin by direction."""
+def nearest_failures(points: Array) -> Array:
+    """Failed points (K, D) nearest to the origin, one a direction."""
     sizes = np.linalg.norm(points, axis=1)
     left = np.argsort(sizes, kind="stable")
     left = left[sizes[left] <= sizes.min() + FARTHEST_BEYOND]
@@ -185,7 +176,7 @@ def nearest_by_direction(points: Array) -> Array:
 
 
 def _points_after_step(margin: Margin, points: Array) -> tuple[tuple[Array, NDArray[np.bool_]], int]:
-    """Points (K, D) stepped towards the origin, failures, evaluations."""
+    """Points (K, D) a step nearer to design points, failures, evaluations."""
     count, dimensions = points.shape
     reach = 0.1
     around = points[:, None, :] + reach * np.vstack([np.zeros(dimensions), np.eye(dimensions), -np.eye(dimensions)])

@@ -1,15 +1,13 @@
 """Probability of failure by importance sampling from a mixture that is fitted to failures.
 
-u is standard normal (D,) with density phi; failures are those of repetitions of a subset simulation. Samples are from
+Failures u, standard normal (D,) of density phi, are those of a subset simulation. Samples are from
 
     q(u) = a phi(u) [|u| > r] / P(|u| > r) + (1 - a) sum_k s_k N(u; m_k, C_k),                               (a)
 
-and P = mean(w(u), failing), w = phi / q (Kurtz and Song 2013), r just below the nearest failure (Harbitz 1986), m_k and
-C_k mean and covariance of the failures in a direction. Shrinkage of C_k, directions, and a make
+P = mean(w(u), failing), w = phi / q (Kurtz and Song 2013), r just below the nearest failure (Harbitz 1986), m_k and C_k
+mean and covariance of failures in a direction. Shrinkage of C_k, directions, and a make least, outside the fit,
 
-    E_q[w^2, failing] = P E[w | failure]                                                                     (b)
-
-least over failures of repetitions outside the fit.
+    E_q[w^2, failing] = P E[w | failure].                                                                    (b)
 """
 
 from __future__ import annotations
@@ -21,23 +19,16 @@ from itertools import product
 import numpy as np
 
 from warpchain.errors import StudyError
-from warpchain.study.analysis.failure_probability import FailureEstimate, Margin, nearest_by_direction
+from warpchain.study.analysis.failure_probability import FailureEstimate, Margin, nearest_failures
 from warpchain.study.results import Array
 
 RADIUS_SHARE = 0.95
-"""Radius r over the nearest failure."""
 OUTSIDE_SHARES = (0.1, 0.2, 0.5)
-"""Tried shares a of eq. (a) beyond the radius."""
 SHRINKAGES = (0.0, 0.3, 0.6, 0.8, 0.9, 1.0)
-"""Tried shrinkages of covariances."""
 DIRECTION_TURNS = 5
-"""Turns of directions towards means."""
 NORMAL_LEVEL = 0.99
-"""Level of the interval's normal quantile, for 95 %."""
 FOLDS = 8
-"""Folds of repetitions, each weighted by a fit to others."""
 LEAST_SAMPLES = 5.0
-"""Least effective number of samples."""
 
 
 @dataclass(frozen=True)
@@ -50,13 +41,13 @@ class _FailureGroup:
     variances: Array
 
     def axis_deviations(self, shrinkage: float) -> Array:
-        """Deviations (D,) along the axes of a failure group, shrunk."""
+        """Deviations (D,) of failures along axes, shrunk."""
         return np.sqrt(np.maximum((1.0 - shrinkage) * self.variances + shrinkage * self.variances.mean(), 1.0))
 
 
 @dataclass(frozen=True)
 class FailureMixture:
-    """Mixture of normal densities fitted to failures, q of (a)."""
+    """Failure mixture of normal densities, q of (a)."""
 
     radius: float  # r
     beyond: float  # P(|u| > r)
@@ -91,7 +82,7 @@ class FailureMixture:
 
 
 def fit_mixture(failed: Sequence[Array]) -> FailureMixture:
-    """Mixture fitted to failures (F, D) of several repetitions."""
+    """Failure mixture fitted to failures (F, D) of repetitions."""
     every, count = np.vstack(failed), min(FOLDS, len(failed))
     folds = [np.vstack(failed[k::count]) for k in range(count)]
     others = [np.vstack([fold for j, fold in enumerate(folds) if j != k]) for k in range(count)]
@@ -110,8 +101,8 @@ def fit_mixture(failed: Sequence[Array]) -> FailureMixture:
 
 
 def _group_directions(failed: Array) -> list[Array]:
-    """Unit vectors (K, D) to group failures by."""
-    several = nearest_by_direction(failed)
+    """Choices of unit vectors (K, D) to group failures by."""
+    several = nearest_failures(failed)
     for _ in range(DIRECTION_TURNS):
         group = (failed @ several.T).argmax(axis=1)
         several = np.array([_unit_vector(failed[group == k].mean(axis=0)) for k in np.unique(group)])
@@ -124,7 +115,7 @@ def _unit_vector(vector: Array) -> Array:
 
 
 def _mixture_of_groups(failed: Array, directions: Array) -> FailureMixture:
-    """Mixture for failures (F, D) grouped by directions (K, D)."""
+    """Failure mixture of failures (F, D) by directions (K, D)."""
     from scipy.stats import chi2
 
     count, dimensions = failed.shape
@@ -139,7 +130,7 @@ def _mixture_of_groups(failed: Array, directions: Array) -> FailureMixture:
 
 
 def importance_sampling(margin: Margin, mixture: FailureMixture, count: int, seed: int) -> FailureEstimate:
-    """Probability of failure by `count` samples of a mixture.
+    """Failure probability by `count` samples of a failure mixture.
 
     Raises:
         StudyError: no sample failed, or few have nearly all the weight.
@@ -163,8 +154,8 @@ def importance_sampling(margin: Margin, mixture: FailureMixture, count: int, see
     return FailureEstimate(mean, mean * np.exp(-half), min(1.0, mean * np.exp(half)), count, (u[fails],))
 
 
-def joint_estimate(subset: FailureEstimate, sampled: FailureEstimate | str) -> FailureEstimate | str:
-    """Failure estimate of both methods, or the reason for none."""
+def combined_estimate(subset: FailureEstimate, sampled: FailureEstimate | str) -> FailureEstimate | str:
+    """Failure probability by both methods, or why they disagree."""
     if isinstance(sampled, str):
         return subset
     if sampled.low > subset.high or subset.low > sampled.high:

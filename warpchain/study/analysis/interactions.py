@@ -1,7 +1,7 @@
 """Interactions of factors: the part of a metric that the product of two takes up beyond each alone.
 
-To a fit of each factor alone the products of two factors' values are added. Of R rows, with q products, p terms in all,
-squares S about the mean and residual squares S_0 and S_1 (Montgomery 2017, 10.4),
+Of R rows, with q products of two factors' values, p terms in all, squares S about the mean, residual squares S_0 and
+S_1 (Montgomery 2017, 10.4),
 
     E = (S_0 - S_1) / S,      F = (S_0 - S_1) / q / (S_1 / (R - p)).                                          (a)
 
@@ -42,7 +42,7 @@ def interactions(results: Results, metric: str) -> list[Interaction]:
     """Interactions of all pairs of factors, the largest first.
 
     Raises:
-        StudyError: an unknown metric, or rows that are no sample of the noise.
+        StudyError: an unknown metric, or rows of a search.
     """
     from scipy.special import fdtrc
 
@@ -74,7 +74,7 @@ def interactions(results: Results, metric: str) -> list[Interaction]:
 
 
 def _interaction_terms(results: Results, name: str, rows: NDArray[np.bool_]) -> Array:
-    """Standardized terms (R, p) of a factor's value, or words."""
+    """Standardized terms (R, p) of a factor's values, or words."""
     if results.is_numeric(name):
         of = results.values(name)[rows][:, None]
     else:
@@ -87,12 +87,12 @@ def _interaction_terms(results: Results, name: str, rows: NDArray[np.bool_]) -> 
 
 
 def _terms_with_square(terms: Array) -> Array:
-    """Terms of a factor (R, p), a single one squared, too."""
+    """Terms (R, p) of a factor, a single one also squared."""
     return np.hstack([terms, terms**2]) if terms.shape[1] == 1 else terms
 
 
 def _orthonormal_basis(terms: Array, size: float | None = None) -> Array:
-    """Orthonormal columns (R, p) that span the terms."""
+    """Orthonormal columns (R, p) that span a factor's terms."""
     columns, values, _ = np.linalg.svd(terms, full_matrices=False)
     least = 1e-9 * (size if size is not None else values.max(initial=0.0))
     return np.asarray(columns[:, values > least])

@@ -1,12 +1,4 @@
-"""Rows that an analysis leaves out, and parts of the factors' ranges that are lost with them.
-
-Factors are not ranked if more than `MOST_LEFT_OUT` of the rows that ran are left out, or if the loss goes along with a
-factor or the metric by the statistic of Kolmogorov and Smirnov,
-
-    D = max |F_out(x) - F_in(x)|,                                                                             (a)
-
-for words by chi-square; chances are multiplied by the number of tests.
-"""
+"""Rows that an analysis leaves out, and parts of factors' ranges that are lost with them (docs/analysis.md)."""
 
 from __future__ import annotations
 
@@ -22,9 +14,8 @@ from warpchain.study.analysis.pure_error import CONFIDENCE
 from warpchain.study.results import Array, Results
 
 MOST_LEFT_OUT = 0.05
-"""Most rows left out, as a share, for ranking."""
+"""Share of rows left out from which factors are unranked."""
 MOST_EXACT_PAIRS = 250_000
-"""Most pairs of rows for an exact chance of (a)."""
 
 
 @dataclass(frozen=True)
@@ -41,7 +32,7 @@ class LostPart:
 
     @property
     def is_sure(self) -> bool:
-        """Whether loss of rows depends on the factor, surely."""
+        """Whether lost rows surely depend on the factor."""
         return self.chance < 1.0 - CONFIDENCE
 
     def __str__(self) -> str:
@@ -51,32 +42,32 @@ class LostPart:
 
 @dataclass(frozen=True)
 class LeftOut:
-    """Rows that an analysis leaves out, and lost ranges."""
+    """Rows left out of an analysis, and ranges lost with them."""
 
     results: Results
 
     @cached_property
     def left_out_rows(self) -> NDArray[np.bool_]:
-        """(R,) whether rows are left out by their results."""
+        """(R,) whether each row ran and is left out."""
         return np.isin(self.results.status, (SUSPECT, DIVERGED))
 
     @cached_property
     def unbuilt_rows(self) -> NDArray[np.bool_]:
-        """(R,) whether each row has no drive."""
+        """(R,) whether each row has no drive to run."""
         return ~(self.results.ok | self.left_out_rows)
 
     @cached_property
     def lost_parts(self) -> list[LostPart]:
-        """Parts of factors' ranges lost by rows' results."""
+        """Ranges of factors lost with left-out rows, surest first."""
         return _lost_parts(self.results, self.left_out_rows, self.results.ok)
 
     @cached_property
     def unbuilt_parts(self) -> list[LostPart]:
-        """Parts of factors' ranges without drives, the surest first."""
+        """Ranges of factors lost with unbuilt rows, surest first."""
         return _lost_parts(self.results, self.unbuilt_rows, ~self.unbuilt_rows)
 
     def is_unranked(self, metric: str) -> bool:
-        """Whether a metric ranks no factor, as the rows left out would bias the ranks."""
+        """Whether left-out rows would bias a metric's ranking of factors."""
         lost, kept = self.left_out_rows, self.results.ok
         if not lost.any() or not kept.any():
             return False
@@ -87,7 +78,7 @@ class LeftOut:
         return bool(_distribution_chance(*known) * (len(self.lost_parts) + 1) < 1.0 - CONFIDENCE)
 
     def lines(self) -> list[str]:
-        """Lines of text on left-out rows and lost ranges."""
+        """Lines on left-out rows and lost ranges."""
         found, count = [], len(self.results.status)
         if self.left_out_rows.any():
             status, reason, often = self._reasons_of_rows(self.left_out_rows)[0]
@@ -102,7 +93,7 @@ class LeftOut:
         return found
 
     def rest_text(self) -> str:
-        """Sentence on the rows that statistics of metrics cover."""
+        """Sentence on the number of rows not left out."""
         return f"Statistics of metrics cover only the {int(self.results.ok.sum())} variants that are left"
 
     def _reasons_of_rows(self, rows: NDArray[np.bool_]) -> list[tuple[str, str, int]]:
@@ -112,13 +103,13 @@ class LeftOut:
 
 
 def _lost_parts_text(parts: list[LostPart]) -> str:
-    """Sentence on the lost parts that are beyond chance."""
+    """Sentence on lost parts that are beyond chance."""
     words = [str(part) for part in parts if part.is_sure]
     return f". Lost, by factor: {'; '.join(words)}" if words else ". No part of a factor's range stands out"
 
 
 def _lost_parts(results: Results, lost: NDArray[np.bool_], others: NDArray[np.bool_]) -> list[LostPart]:
-    """Part of each factor's range that lost most rows."""
+    """Part of each factor's range that lost most rows, surest first."""
     if not lost.any():
         return []
     words = [
@@ -140,7 +131,7 @@ def _lost_range(
     out, rest = np.sort(values[lost & known]), np.sort(values[others & known])
     levels = np.unique(np.concatenate([out, rest]))
     below = [np.searchsorted(of, levels, side="right") for of in (out, rest)]
-    gap = below[0] / max(len(out), 1) - below[1] / max(len(rest), 1)  # of (a); 0 at the highest level
+    gap = below[0] / max(len(out), 1) - below[1] / max(len(rest), 1)  # F_out - F_in; 0 at the highest level
     at = int(np.argmax(np.abs(gap)))
     low, high = (0, at) if gap[at] > 0.0 else (min(at + 1, len(levels) - 1), len(levels) - 1)
     ends = [quantity_words(float(levels[k]), "" if unit == "-" else unit, digits=5) for k in (low, high)]
@@ -164,13 +155,13 @@ def _lost_word(results: Results, name: str, lost: NDArray[np.bool_], others: NDA
 
 
 def _lost_part(name: str, part: str, within: list[int], totals: list[int], chance: float) -> LostPart:
-    """Lost part of a range from counts of rows."""
+    """Lost part of a factor's range from counts of rows."""
     rest = [total - inside for total, inside in zip(totals, within, strict=True)]
     return LostPart(name, part, within[0], sum(within), rest[0], sum(rest), chance)
 
 
 def _distribution_chance(out: Array, rest: Array) -> float:
-    """Probability that two samples of one distribution differ so."""
+    """Chance that rows left out and kept differ so (Kolmogorov, Smirnov)."""
     from scipy.stats import ks_2samp
 
     if not len(out) or not len(rest):

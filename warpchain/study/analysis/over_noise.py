@@ -1,12 +1,11 @@
 """Designs compared over noise: a row a design with means, deviations and quantiles of its runs.
 
-A run's contribution to a statistic T is its jackknife pseudo-value (Efron 1982), with T_k the statistic without run k,
+A run's contribution to a statistic T is its jackknife pseudo-value (Efron 1982), T_k the statistic without run k,
 
     J_k = T + (n - 1) (mean(T_1 .. T_n) - T_k);                                                               (a)
 
-T's standard error is the deviation of T_k times sqrt(n - 1). Two designs are compared by the differences of their J
-over the same noise. The part of a spread that comes of noise factor i is (Li et al. 2010), for an additive fit y = sum
-f_i(z_i) of p_i terms each and scatter s^2,
+T's standard error is the deviation of T_k times sqrt(n - 1). Designs are compared by differences of J over the same
+noise. For a fit y = sum f_i(z_i) of p_i terms each and scatter s^2, noise factor i has the part (Li et al. 2010)
 
     S_i = cov(f_i, y) / var(y) - p_i s^2 / ((n - 1) var(y)).                                                 (b)
 """
@@ -31,28 +30,27 @@ from warpchain.study.spec.noise_table import Statistic, metric_from_name, statis
 from warpchain.study.spec.study_tables import Bound, Objective
 
 SHOWN_STATISTICS = ("mean", "std", "q5", "q50", "q95")
-"""Statistics of each metric that tables show."""
 STATUS_SEVERITY = ("ok", "suspect", "diverged", "infeasible")
 FEWEST_RUNS = 4
 
 
 @dataclass(frozen=True)
 class Designs(Results):
-    """Designs over noise, a row each, with statistics as metrics."""
+    """Designs over noise, a row each, statistics as metrics."""
 
     runs: Results  # results of all runs
     rows: tuple[NDArray[np.intp], ...]  # of `runs`, for each design
     bounds: tuple[Bound, ...]  # limits that each run is held to
 
     def kept_counts(self, design: int) -> tuple[int, int]:
-        """Number of a design's runs within limits, and of all."""
+        """Numbers of a design's runs within limits, and of all."""
         held = np.zeros(len(self.runs.status), dtype=bool)
         held[self.rows[design]] = True
         kept = Goals((), self.bounds).goal_values(self.runs).limits_kept if self.bounds else self.runs.ok
         return int((kept & held).sum()), int(held.sum())
 
     def kept_text(self, design: int) -> str:
-        """Clause on a design's probability within limits."""
+        """Clause on a design's chance to keep limits over noise."""
         from scipy.stats import binomtest
 
         kept, count = self.kept_counts(design)
@@ -69,7 +67,7 @@ class Designs(Results):
         return [{tuple(column[row] for column in columns): row for row in rows.tolist()} for rows in self.rows]
 
     def paired_values(self, first: int, second: int, metric: str) -> Array:
-        """Metric values (n, 2) of two designs over equal noise."""
+        """Metric (n, 2) of two designs over the same noise."""
         one, other = self._rows_by_noise[first], self._rows_by_noise[second]
         rows = np.array([(row, other[key]) for key, row in one.items() if key in other], dtype=np.intp).reshape(-1, 2)
         values = _ok_values(self.runs, metric)[rows]
@@ -83,10 +81,7 @@ class Designs(Results):
         return mean_difference(after - before, CONFIDENCE)
 
     def sure_sign(self, first: int, second: int, name: str) -> int | None:
-        """Sign of two designs' difference in a statistic, or 0.
-
-        None for a design factor, or with too few pairs.
-        """
+        """Sign of two designs' difference in a statistic, 0 if unsure, or None."""
         statistic = statistic_from_name(name)
         if statistic is None:
             return None
@@ -101,7 +96,7 @@ class Designs(Results):
 
 @dataclass(frozen=True)
 class NoiseSpread:
-    """Spread of a metric of one design over the noise."""
+    """Spread of a design's metric over the noise."""
 
     metric: str
     statistics: dict[str, tuple[float, float]]  # value and standard error, of `SHOWN_STATISTICS`
@@ -113,7 +108,7 @@ class NoiseSpread:
         return max(0.0, 1.0 - sum(self.parts.values()))
 
     def parts_text(self) -> str:
-        """Text of noise factors with their parts of a spread."""
+        """Text of each noise factor's part of a spread."""
         if not self.parts:
             return "too few runs to tell" if self.statistics["std"][0] > 0.0 else "it does not spread"
         ordered = sorted(self.parts.items(), key=lambda part: -part[1])
@@ -122,10 +117,10 @@ class NoiseSpread:
 
 
 def goals_of_designs(goals: Goals, chosen: Sequence[str]) -> Goals:
-    """Goals of designs, in statistics, from goals of runs."""
+    """Goals of designs, statistics over noise, from goals of runs."""
 
     def is_plain(name: str) -> bool:
-        """Whether a goal names a design factor or statistic."""
+        """Whether a goal is a design factor or statistic already."""
         return name in chosen or statistic_from_name(name) is not None
 
     objectives = tuple(
@@ -147,10 +142,10 @@ def designs_over_noise(results: Results, goals: Goals, noise: Sequence[str] | No
     """Designs over noise from results of runs, and their goals.
 
     Args:
-        noise: names of the noise factors; None takes those that the table marks.
+        noise: names of noise factors; None takes those marked in the table.
 
     Raises:
-        StudyError: a metric that the table lacks, too few runs, or runs that are no sample of the noise.
+        StudyError: a metric that the table lacks, too few runs, or runs of a search.
     """
     import pyarrow as pa
 
@@ -190,7 +185,7 @@ def designs_over_noise(results: Results, goals: Goals, noise: Sequence[str] | No
 
 
 def noise_spread(designs: Designs, design: int, metric: str) -> NoiseSpread:
-    """Spread of a design's metric over noise, by noise factor."""
+    """Spread of a design's metric over noise, with factors' parts."""
     runs, rows = designs.runs, designs.rows[design]
     found = {}
     for word in SHOWN_STATISTICS:
@@ -199,7 +194,7 @@ def noise_spread(designs: Designs, design: int, metric: str) -> NoiseSpread:
 
 
 def _design_rows(results: Results, chosen: Sequence[str]) -> tuple[NDArray[np.intp], ...]:
-    """Rows of results of each design."""
+    """Rows of results (n,) of each design."""
     found: dict[tuple[Any, ...], list[int]] = {}
     columns = [results.table[name].to_pylist() for name in chosen]
     for row in range(results.table.num_rows):
@@ -209,7 +204,7 @@ def _design_rows(results: Results, chosen: Sequence[str]) -> tuple[NDArray[np.in
 
 
 def _worst_run(results: Results, rows: NDArray[np.intp], goals: Goals) -> int:
-    """Row of a design's worst run."""
+    """Row of a design's worst run over noise."""
     grave = [
         STATUS_SEVERITY.index(results.status[row]) if results.status[row] in STATUS_SEVERITY else 1
         for row in rows.tolist()
@@ -226,28 +221,28 @@ def _worst_run(results: Results, rows: NDArray[np.intp], goals: Goals) -> int:
 
 
 def _statistic_of_word(word: str, metric: str) -> Statistic:
-    """Statistic of a metric by its word, such as "q95"."""
+    """Statistic of a metric by word, such as "q95"."""
     found = statistic_from_name(f"{word}({metric})")
     assert found is not None  # a word of SHOWN
     return found
 
 
 def _statistics_of_goals(goals: Goals) -> list[Statistic]:
-    """Statistics that goals name or tables show, each once."""
+    """Statistics over noise in goals or tables, each once."""
     named = [found for name in goals.named_metrics if (found := statistic_from_name(name)) is not None]
     shown = [_statistic_of_word(word, of.metric) for of in named for word in SHOWN_STATISTICS]
     return list(dict.fromkeys([*named, *shown]))
 
 
 def _ok_values(results: Results, metric: str) -> Array:
-    """Metric values (R,) of all runs, NaN if not ok."""
+    """Metric (R,) of all runs over noise, NaN if not ok."""
     if metric not in results.table.column_names and not results.ok.any():
         return np.full(len(results.status), np.nan)  # nothing ran: no metric has a column yet
     return np.where(results.ok, results.values(metric), np.nan)
 
 
 def _statistic_with_error(values: Array, statistic: Statistic) -> tuple[float, float]:
-    """Statistic of ok runs with its standard error."""
+    """Statistic of ok runs over noise, and standard error."""
     values = values[np.isfinite(values)]
     if len(values) < FEWEST_RUNS:
         return float("nan"), float("nan")
@@ -256,7 +251,7 @@ def _statistic_with_error(values: Array, statistic: Statistic) -> tuple[float, f
 
 
 def _jackknife_pseudo_values(values: Array, statistic: Statistic) -> Array:
-    """Jackknife pseudo-values (n,) of values (n,), eq. (a)."""
+    """Jackknife pseudo-values (n,) of a statistic, (a)."""
     whole, without = _leave_one_out_statistics(values, statistic)
     return np.asarray(whole + (len(values) - 1) * (without.mean() - without))
 
@@ -282,14 +277,14 @@ def _leave_one_out_statistics(values: Array, statistic: Statistic) -> tuple[floa
 
 
 def _harrell_davis_weights(count: int, level: float) -> Array:
-    """Weights (n,) of sorted values in Harrell and Davis's quantile."""
+    """Weights (count,) of sorted values in Harrell-Davis quantiles."""
     from scipy.special import betainc
 
     return np.diff(betainc((count + 1) * level, (count + 1) * (1.0 - level), np.arange(count + 1) / count))
 
 
 def _variance_parts(results: Results, rows: NDArray[np.intp], metric: str) -> dict[str, float]:
-    """Parts of a metric's variance by noise factor, (b)."""
+    """Each noise factor's part of a metric's variance, (b)."""
     terms = {name: of for name in results.free_noise_factors if (of := _noise_terms(results, rows, name)).shape[1]}
     y = results.values(metric)[rows]
     y = y - y.mean() if len(y) else y
@@ -310,7 +305,7 @@ def _variance_parts(results: Results, rows: NDArray[np.intp], metric: str) -> di
 
 
 def _noise_terms(results: Results, rows: NDArray[np.intp], name: str) -> Array:
-    """Terms (n, p) of a noise factor, of mean 0."""
+    """Terms (n, p) of a noise factor in (b), of mean 0."""
     if not results.is_numeric(name):
         words = np.array(results.text_values(name))[rows]
         of = np.array([words == word for word in np.unique(words)[1:]], dtype=float).reshape(-1, len(rows))

@@ -1,21 +1,21 @@
 """Mean of paired differences with an interval that may be looked at after every pair.
 
-The intervals after n pairs are a confidence sequence: all together hold the mean with the level 1 - alpha. With mean m
-and deviation s of n differences, and mu / sigma normal with variance 1 / L beforehand, the likelihood of mu against all
-others is a martingale of t = (m - mu) sqrt(n) / s (Wang and Ramdas 2024, arXiv:2310.03722),
+After each of n pairs the interval holds the mean, at the level 1 - alpha for all n together. With mean m and deviation
+s of n differences, and mu / sigma a priori normal with variance 1 / L, the likelihood of mu against others is a
+martingale of t = (m - mu) sqrt(n) / s (Wang and Ramdas 2024, arXiv:2310.03722),
 
-    B = sqrt(k) ((1 + k x) / (1 + x))^(-n/2),   k = L / (L + n),   x = t^2 / (n - 1).                         (a)
+    B = sqrt(k) ((1 + k x) / (1 + x))^(-n/2),   k = L / (L + n),   x = t^2 / (n - 1),                         (a)
 
-As it reaches 1 / alpha with a probability of alpha at most (Ville 1939),
+which reaches 1 / alpha with probability alpha at most (Ville 1939):
 
     mean = m +- s / sqrt(n) sqrt((n - 1) (1 - r) / (r - k)),   r = (alpha^2 k)^(1/n),                         (b)
 
-wider below n = 25 G^2, G the skewness (Cochran 1977, sec. 2.15). With 1 - alpha, no event is missing that is likelier
-than (Hanley and Lippman-Hand 1983)
+wider below n = 25 G^2, G the skewness (Cochran 1977, sec. 2.15). At 1 - alpha, the pairs miss no event likelier than
+(Hanley and Lippman-Hand 1983)
 
     q = 1 - alpha^(1/n).                                                                                     (c)
 
-If rare events change a difference by e at most, the sign is sure where abs(m) exceeds (b) and q e together.
+If rare events change a difference by e at most, the sign is sure where abs(m) exceeds (b) plus q e.
 """
 
 from __future__ import annotations
@@ -29,13 +29,10 @@ from warpchain.study.results import Array
 
 PRIOR_PRECISION = 1.0
 FEWEST_PAIRS = 16
-"""Fewest pairs that tell a sign of the mean difference."""
 SKEWNESS_PAIRS = 25.0
-"""Pairs for a squared skewness of 1, in (b)."""
 EVENT_DEVIATIONS = 20.0
-"""Default change of a difference by rare events, in deviations."""
+"""Change by rare events, in deviations, if not given."""
 HEAVY_TAIL_PAIRS = 16
-"""Pairs of which under one makes half of heavy-tailed scatter."""
 MOST_FORECAST_PAIRS = 100_000
 
 
@@ -55,12 +52,12 @@ class MeanDifference:
 
     @property
     def interval_low(self) -> float:
-        """Lower end of the interval of the mean difference."""
+        """Lower end of the mean difference's interval, (b)."""
         return self.mean - self.half
 
     @property
     def interval_high(self) -> float:
-        """Upper end of the interval of the mean difference."""
+        """Upper end of the mean difference's interval, (b)."""
         return self.mean + self.half
 
     @property
@@ -70,12 +67,12 @@ class MeanDifference:
 
     @property
     def sure_sign(self) -> int:
-        """Sign of the mean difference, if sure, or 0."""
+        """Sign of the mean difference despite rare events, or 0."""
         return self._sign_beyond(self.reckoned, _level_of_half(self.level))
 
     @property
     def missed_probability(self) -> float:
-        """Probability of the likeliest event missing from the pairs, (c)."""
+        """Probability of the likeliest event that pairs miss, (c)."""
         return float(missed_event_probability(self.pairs, _level_of_half(self.level)))
 
     @property
@@ -87,12 +84,12 @@ class MeanDifference:
         )
 
     def _sign_beyond(self, event: float, level: float) -> int:
-        """Sign of the mean difference beyond missed events, or 0."""
+        """Sign of the mean difference beyond its sure margin, or 0."""
         beyond = abs(self.mean) > self._sure_margin(self.pairs, event, level)
         return int(np.sign(self.mean)) if self.pairs >= FEWEST_PAIRS and beyond else 0
 
     def _sure_margin(self, count: Any, event: float, level: float) -> Array:
-        """Least mean difference of `count` pairs with a sure sign."""
+        """Mean difference whose sign is sure for `count` pairs."""
         return (
             interval_half_width(count, self.deviation, self.skewness, level)
             + missed_event_probability(count, level) * event
@@ -100,7 +97,7 @@ class MeanDifference:
 
     @property
     def is_heavy_tailed(self) -> bool:
-        """Whether few pairs make up half of the scatter."""
+        """Whether few pairs make half of the differences' scatter."""
         return self.deviation > 0.0 and self.carriers * HEAVY_TAIL_PAIRS <= self.pairs
 
     def pairs_needed(self) -> int | None:
@@ -115,7 +112,7 @@ def mean_difference(differences: Array, level: float, event: float | None = None
     """Mean of paired differences (n,), with its interval.
 
     Args:
-        level: of the interval, eq. (b), and of the sign.
+        level: of the interval, (b), and of the sign.
         event: change of a difference by rare events.
     """
     n, mean, deviation = len(differences), float(differences.mean()), float(differences.std(ddof=1))
@@ -136,17 +133,17 @@ def mean_difference(differences: Array, level: float, event: float | None = None
 
 
 def _level_of_half(level: float) -> float:
-    """Confidence level at half of alpha."""
+    """Confidence level whose alpha is half a level's."""
     return 0.5 * (1.0 + level)
 
 
 def missed_event_probability(n: Any, level: float) -> Array:
-    """Probability of the likeliest event missing from n pairs, (c)."""
+    """Probability of the likeliest event that n pairs miss, (c)."""
     return np.asarray(-np.expm1(np.log1p(-level) / n))
 
 
 def interval_half_width(n: Any, deviation: float, skewness: float, level: float) -> Array:
-    """Half width of the interval of a mean difference, (b)."""
+    """Half width of a mean difference's interval, (b)."""
     k = PRIOR_PRECISION / (PRIOR_PRECISION + n)
     power = (2.0 * np.log1p(-level) + np.log(k)) / n
     room = np.maximum(np.exp(power) - k, 0.0)

@@ -17,10 +17,8 @@ from warpchain.study.spec.noise_table import Noise
 from warpchain.study.spec.study_tables import Bound, Objective
 
 SENSE_SIGNS = {"min": 1.0, "max": -1.0}
-"""Signs that make objectives costs, by sense."""
 FRONT_DRAWS = 400
 HOPELESS_ERRORS = 4.0
-"""Standard errors off the Pareto front without a chance."""
 
 
 def is_non_dominated(costs: NDArray[np.float64]) -> NDArray[np.bool_]:
@@ -37,14 +35,14 @@ def is_non_dominated(costs: NDArray[np.float64]) -> NDArray[np.bool_]:
 
 
 def front_chances(results: Results, objectives: Mapping[str, str]) -> NDArray[np.float64]:
-    """Probability (R,) that each row is on the Pareto front.
+    """Probability (R,) of rows to be on the Pareto front.
 
     Args:
         results: of a study with replicates.
         objectives: "min" or "max" by metric.
 
     Raises:
-        StudyError: as `pareto_front`.
+        StudyError: as of `pareto_front`.
     """
     rows, costs = _competing_costs(results, objectives)
     errors = np.zeros_like(costs)
@@ -71,7 +69,7 @@ def pareto_front(results: Results, objectives: Mapping[str, str]) -> NDArray[np.
         objectives: "min" or "max" by metric.
 
     Raises:
-        StudyError: no objective, an unknown sense or column, or no variant that has them all.
+        StudyError: no objective, an unknown sense or column, or no variant with all.
     """
     rows, costs = _competing_costs(results, objectives)
     front = is_non_dominated(costs)
@@ -79,7 +77,7 @@ def pareto_front(results: Results, objectives: Mapping[str, str]) -> NDArray[np.
 
 
 def _competing_costs(results: Results, objectives: Mapping[str, str]) -> tuple[NDArray[np.intp], NDArray[np.float64]]:
-    """Rows (P,) that compete for the front, and costs."""
+    """Rows (P,) that compete for the Pareto front, and costs."""
     if not objectives:
         raise StudyError("objectives: none given, a front needs at least one")
     check_senses(objectives)
@@ -91,7 +89,7 @@ def _competing_costs(results: Results, objectives: Mapping[str, str]) -> tuple[N
 
 
 def check_senses(objectives: Mapping[str, str]) -> None:
-    """Raises StudyError for senses but "min" and "max"."""
+    """Raises StudyError for objectives' senses but "min" and "max"."""
     for metric, sense in objectives.items():
         if sense not in SENSE_SIGNS:
             raise StudyError(f'objectives: {metric} = {sense!r}: allowed are "min" and "max"')
@@ -111,7 +109,7 @@ class Goals:
 
     @property
     def named_metrics(self) -> tuple[str, ...]:
-        """Metrics and factors that objectives and limits name, each once."""
+        """Metrics and factors in objectives and limits, each once."""
         return tuple(dict.fromkeys([*(o.metric for o in self.objectives), *(b.metric for b in self.bounds)]))
 
     @property
@@ -121,7 +119,7 @@ class Goals:
 
     @property
     def cost_signs(self) -> Array:
-        """Signs (M,) that make objectives costs."""
+        """Signs (M,) that turn objectives into costs."""
         return np.array([SENSE_SIGNS[objective.sense] for objective in self.objectives])
 
     def goal_values(self, results: Results) -> GoalValues:
@@ -156,12 +154,12 @@ class GoalValues:
 
     @property
     def costs(self) -> Array:
-        """Costs (R, M) of objectives, all to be small."""
+        """Costs (R, M) of objectives, better if smaller."""
         return np.stack([self.columns[o.metric] for o in self.goals.objectives], axis=1) * self.goals.cost_signs
 
     @property
     def limit_excess(self) -> Array:
-        """Excess (R, B) over limits, in the metric's spread."""
+        """Excess (R, B) over limits, in the metrics' spread."""
         parts = []
         for bound in self.goals.bounds:
             values = self.columns[bound.metric]
@@ -180,7 +178,7 @@ class GoalValues:
 
 
 def keeping_probability(bound: Bound, mean: Array, deviation: Array) -> Array:
-    """Probability that a normal metric keeps a limit."""
+    """Probability that a normally distributed metric keeps a limit."""
     from scipy.stats import norm
 
     spread = np.maximum(deviation, 1e-12 * np.abs(mean) + 1e-200)

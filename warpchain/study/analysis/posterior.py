@@ -1,11 +1,11 @@
 """Posterior of unknowns given measurements: samples, directions that are not identified, residuals.
 
-A priori the unknowns are D independent standard normals u. A model has J numbers with mean m_j(u) and variance
-s_j^2(u); measured were y_j, with standard deviation e_j. Then
+The D unknowns u are a priori standard normal. A model has J numbers of mean m_j(u) and variance s_j^2(u); measured were
+y_j, of deviation e_j:
 
     log p(u | y) = -|u|^2 / 2 - 1/2 sum_j [ (y_j - m_j)^2 / v_j + log v_j ] + const,    v_j = s_j^2 + e_j^2.       (a)
 
-An eigenvector of the samples' covariance, of value near 1, is a direction that is not identified.
+An eigenvector of the samples' covariance, of value near 1, is not identified.
 """
 
 from __future__ import annotations
@@ -23,13 +23,11 @@ from warpchain.study.results import Array
 NumbersModel = Callable[[Array], tuple[Array, Array]]
 """Model from unknowns (R, D) to mean and variance (R, J)."""
 WALKERS, CHUNK_STEPS, MOST_STEPS = 64, 50, 10_000
-"""Ensemble members, steps between checks, most steps."""
 WARM_UP = 5.0
-"""Dropped first steps, in autocorrelation times."""
 ENOUGH_SAMPLES = 1000
 PRIOR_DRAWS = 2048
 UNIDENTIFIED_SHARE = 0.7
-"""Posterior over prior deviation of unidentified directions, at least."""
+"""Least posterior over prior deviation of unidentified directions."""
 
 
 @dataclass(frozen=True)
@@ -47,17 +45,17 @@ class Posterior:
 
 @dataclass(frozen=True)
 class PosteriorDirection:
-    """Combination of unknowns and its posterior deviation."""
+    """Combination of unknowns with its posterior deviation."""
 
     weights: Array  # (D,) of length 1
     left: float  # posterior deviation over the prior's
 
 
 def log_posterior_density(model: NumbersModel, values: Array, errors: Array) -> Callable[[Array], Array]:
-    """Function from unknowns (R, D) to log posterior (R,), (a)."""
+    """Function from unknowns (R, D) to log posterior density (R,), (a)."""
 
     def log_density(u: Array) -> Array:
-        """Log posterior density (R,) at u (R, D), eq. (a)."""
+        """Log posterior density (R,) of unknowns (R, D), (a)."""
         mean, variance = model(u)
         whole = variance + errors**2
         misfit = ((values - mean) ** 2 / whole + np.log(whole)).sum(axis=1)
@@ -72,7 +70,7 @@ def sample_posterior(
     """Random samples from the posterior of unknowns.
 
     Args:
-        values, errors: (J,) measured values and standard deviations.
+        values, errors: (J,) measured values and deviations.
 
     Raises:
         StudyError: emcee is not installed, or the posterior is nowhere a number.
@@ -113,12 +111,12 @@ def posterior_directions(u: Array) -> list[PosteriorDirection]:
 
 
 def standardized_residuals(model: NumbersModel, values: Array, errors: Array, u: Array) -> Array:
-    """Standardized residuals (J,) of measurements at posterior samples."""
+    """Standardized residuals (J,) of measurements over posterior samples."""
     mean, variance = model(u)
     whole = variance.mean(axis=0) + mean.var(axis=0) + errors**2
     return np.asarray((values - mean.mean(axis=0)) / np.sqrt(whole))
 
 
 def rank_of_value(samples: Array, true: float) -> int:
-    """Rank of a true value among samples (S,) (Talts 2018)."""
+    """Rank of a true value among posterior samples (Talts 2018)."""
     return int((samples < true).sum())

@@ -2,13 +2,13 @@
 
 Row i of R is the mean of n_i runs with the standard error e_i; N = sum n_i. One run of a row scatters with
 
-    s^2 = sum (n_i - 1) n_i e_i^2 / nu,    nu = sum (n_i - 1) = N - R degrees of freedom.                       (a)
+    s^2 = sum (n_i - 1) n_i e_i^2 / nu,    nu = N - R degrees of freedom.                                       (a)
 
-Of the variance of single runs, scatter is the part s^2 / (s^2 + b^2), b^2 that between rows (Searle 1971, chapter 9):
+Scatter is the part s^2 / (s^2 + b^2) of runs' variance, b^2 that between rows (Searle 1971, chapter 9):
 
     b^2 = (B - s^2) / n_0,   B = sum n_i (y_i - y)^2 / (R - 1),   n_0 = (N - sum n_i^2 / N) / (R - 1).          (b)
 
-With d_i = n_i - 1, variances s_i^2 = n_i e_i^2 are drawn to what all rows say (Smyth 2004):
+With d_i = n_i - 1, variances s_i^2 = n_i e_i^2 are moderated (Smyth 2004):
 
     s~_i^2 = (d_0 s_0^2 + d_i s_i^2) / (d_0 + d_i).                                                             (c)
 """
@@ -31,7 +31,7 @@ CONFIDENCE = 0.95
 
 @dataclass(frozen=True)
 class PureError:
-    """Pure error of one metric: its scatter between equal runs."""
+    """Pure error of a metric: its scatter between equal runs."""
 
     metric: str
     rows: int  # R
@@ -44,20 +44,20 @@ class PureError:
 
     @property
     def low(self) -> float:
-        """Lower end of the pure error deviation's 95 % interval."""
+        """Lower end of the pure error's 95 % interval."""
         return self.deviation * math.sqrt(self.freedom / _chi_square_quantile(0.5 + 0.5 * CONFIDENCE, self.freedom))
 
     @property
     def high(self) -> float:
-        """Upper end of the pure error deviation's 95 % interval."""
+        """Upper end of the pure error's 95 % interval."""
         return self.deviation * math.sqrt(self.freedom / _chi_square_quantile(0.5 - 0.5 * CONFIDENCE, self.freedom))
 
     def interval(self, count: int = 1) -> float:
-        """Half width of a mean's 95 % interval."""
+        """Half width of a 95 % interval of `count` runs' mean."""
         return student_quantile(self.freedom) * self.deviation / math.sqrt(count)
 
     def replicates_for(self, precision: float) -> int:
-        """Least number of runs for a mean to +- `precision`.
+        """Number of runs for a mean to +- `precision`.
 
         Raises:
             StudyError: a precision that is not positive.
@@ -91,14 +91,14 @@ def _check_precision(precision: float) -> None:
 
 
 def student_quantile(freedom: float) -> float:
-    """Student's t of a 95 % interval."""
+    """Student's t of a 95 % interval, by freedom."""
     from scipy.special import stdtrit
 
     return float(stdtrit(freedom, 0.5 + 0.5 * CONFIDENCE))
 
 
 def _chi_square_quantile(share: float, freedom: int) -> float:
-    """Value that a share of chi-square lies below."""
+    """Chi-square below which a share of its distribution lies."""
     from scipy.special import chdtri
 
     return float(chdtri(freedom, 1.0 - share))
@@ -112,7 +112,7 @@ def pure_error(results: Results, metric: str, rows: NDArray[np.bool_] | None = N
         rows: (R,) rows to use; None takes those that are ok.
 
     Raises:
-        StudyError: no row has several runs, all are the same, or the rows are no sample of the noise.
+        StudyError: no row has several runs, all are the same, or rows of a search.
     """
     from scipy.special import fdtri
 
@@ -135,12 +135,12 @@ def pure_error(results: Results, metric: str, rows: NDArray[np.bool_] | None = N
 
 
 def _share_of_ratio(ratio: float, weight: float) -> float:
-    """Share of scatter from the ratio B / s^2, (b)."""
+    """Share of scatter in runs' variance from B / s^2, (b)."""
     return 1.0 / (1.0 + max(ratio - 1.0, 0.0) / weight)
 
 
 def _row_means(results: Results, metric: str, chosen: NDArray[np.bool_]) -> tuple[Array, Array, int, float]:
-    """Row means, run counts, degrees of freedom, run variance."""
+    """Row means, numbers of runs, degrees of freedom, run variance, (a)."""
     values = results.values(metric)[chosen]
     if results.has_replicates:
         counts, errors = results.run_counts[chosen].astype(float), results.standard_errors(metric)[chosen]
@@ -160,7 +160,7 @@ def _row_means(results: Results, metric: str, chosen: NDArray[np.bool_]) -> tupl
 
 
 def pure_errors(results: Results) -> list[PureError]:
-    """Pure errors of all metrics that scatter, the noisiest first."""
+    """Pure errors of metrics that scatter, the noisiest first."""
     found = []
     for metric in results.metrics:
         try:
@@ -171,7 +171,7 @@ def pure_errors(results: Results) -> list[PureError]:
 
 
 def row_standard_errors(results: Results, metric: str) -> Array | None:
-    """Standard errors (R,) of a metric's rows, or None."""
+    """Standard errors (R,) of a metric's rows, (c), or None."""
     name = metric + ERROR_SUFFIX
     if not (name in results.table.column_names and results.is_numeric(name)):
         return None
@@ -208,11 +208,11 @@ def _moderated_errors(errors: Array, counts: Array) -> Array:
 
 
 def row_weights(errors: Array | None, missed: Array, left: Array | float = 1.0) -> Array:
-    """Weights (R,) of rows in a fit, 1 / (t^2 + e^2).
+    """Weights (R,) of rows in a fit by pure errors, 1 / (t^2 + e^2).
 
     Args:
-        errors: (R,) standard errors e; None, or a NaN among them, weighs all rows alike.
-        missed: (R,) residuals of the fit, whose variance is t^2.
+        errors: (R,) standard errors e; None or a NaN weighs all rows alike.
+        missed: (R,) residuals of the fit, of variance t^2.
         left: part of a row's variance in its residual.
     """
     from scipy.optimize import brentq
@@ -223,7 +223,7 @@ def row_weights(errors: Array | None, missed: Array, left: Array | float = 1.0) 
     squares = np.maximum(errors**2, 1e-12 * float((errors**2).max()))
 
     def likelihood_slope(beyond: float) -> float:
-        """Slope of the likelihood at a variance t^2."""
+        """Slope of the fit's likelihood at a variance t^2."""
         variance = beyond + squares
         return float((missed**2 / variance**2 - left / variance).sum())
 
@@ -238,7 +238,7 @@ def row_weights(errors: Array | None, missed: Array, left: Array | float = 1.0) 
 
 
 def has_equal_rows(results: Results) -> bool:
-    """Whether rows are means of runs, or have equal factors."""
+    """Whether rows are means of runs, or repeat equal factors."""
     if results.has_replicates:
         return True
     group = np.zeros(len(results.status), dtype=np.intp)
@@ -252,7 +252,7 @@ def has_equal_rows(results: Results) -> bool:
 
 
 def scatter_share(results: Results, metric: str) -> float | None:
-    """Part of rows' variance that is scatter between equal runs."""
+    """Part of rows' variance that is scatter, or None."""
     if not has_equal_rows(results):
         return None
     try:

@@ -1,11 +1,11 @@
 """Sobol' indices: the part of a metric's variance that each factor causes, alone and with its interactions.
 
-A Saltelli design (`saltelli_table`) gives them without a model (Saltelli et al. 2010), else a Gaussian process
-(`study.surrogate.indices`) or response surface: with independent factors of mean m_i and variance v_i,
+A Saltelli design gives them without a model (Saltelli et al. 2010). Of a response surface, with independent factors of
+mean m_i and variance v_i,
 
     V_i = var[c_i x_i + b_ii x_i^2],   c_i = b_i + sum_j b_ij m_j,   V_ij = b_ij^2 v_i v_j,                     (a)
 
-S_i = V_i / V, T_i = S_i + sum_j V_ij / V. Scatter s^2 of rows that are means of several runs is taken out,
+S_i = V_i / V, T_i = S_i + sum_j V_ij / V. Without the scatter s^2 of rows that are means of runs,
 
     S_i = V S_i / (V - s^2),    T_i = (V T_i - s^2) / (V - s^2).                                               (b)
 """
@@ -50,7 +50,7 @@ class SobolIndices:
         total: (A,) part with its interactions.
         first_error, total_error: (A,) half widths of 95 % intervals.
         rows: number of variants.
-        dropped: variants left out with a block that did not end well.
+        dropped: variants of blocks left out.
     """
 
     metric: str
@@ -72,7 +72,7 @@ def problem_of_results(results: Results) -> SobolProblem:
 
 
 def problem_of_factors(factors: Iterable[Any]) -> SobolProblem:
-    """SALib problem of a study file's factors without expressions.
+    """SALib problem of a study's factors without expressions.
 
     Raises:
         StudyError: a factor of levels or choices, which SALib cannot state.
@@ -98,10 +98,10 @@ def factors_of_problem(problem: Mapping[str, Any], paths: Mapping[str, str] | No
     """Factors of a study file from a SALib problem.
 
     Args:
-        paths: key path into the drive by name; None are the names.
+        paths: key path into the drive by name; None takes the names.
 
     Raises:
-        StudyError: a problem with groups, or a distribution that studies do not have.
+        StudyError: groups, or a distribution that studies do not have.
     """
     _check_problem(problem)
     words = {salib: own for own, salib in SALIB_DISTRIBUTIONS.items()}
@@ -123,7 +123,7 @@ def factors_of_problem(problem: Mapping[str, Any], paths: Mapping[str, str] | No
 
 
 def _problem_distributions(problem: Mapping[str, Any]) -> list[str]:
-    """SALib's names of the distributions in a problem."""
+    """Names of a SALib problem's distributions."""
     return list(problem.get("dists") or ["unif"] * len(problem["names"]))
 
 
@@ -140,7 +140,7 @@ def _check_problem(problem: Mapping[str, Any]) -> None:
 
 
 def saltelli_table(problem: Mapping[str, Any], base: int, seed: int = 0, second_order: bool = False) -> pa.Table:
-    """Pyarrow table of a Saltelli design, base * (A + 2) rows.
+    """Table of a Saltelli design, base * (A + 2) rows.
 
     Args:
         base: a power of two.
@@ -167,10 +167,7 @@ def saltelli_table(problem: Mapping[str, Any], base: int, seed: int = 0, second_
 
 
 def saltelli_block_size(results: Results, factors: Sequence[str]) -> int:
-    """Rows of a Saltelli design's block; 0 of another design.
-
-    A block is a row of A, A with each factor in turn from B (or also the reverse), and B's row.
-    """
+    """Number of rows in a Saltelli block, or 0."""
     count = len(factors)
     if count < 2:
         return 0
@@ -190,7 +187,7 @@ def saltelli_block_size(results: Results, factors: Sequence[str]) -> int:
 def sobol_indices(results: Results, metric: str, problem: Mapping[str, Any] | None = None) -> SobolIndices:
     """Sobol' indices of a metric from a study's Saltelli design.
 
-    A variant that did not end well takes its whole block out.
+    A variant that is not ok takes its block out.
 
     Args:
         results: of all rows of the design.
@@ -254,7 +251,7 @@ def surface_indices(surface: Surface, results: Results | None = None) -> SobolIn
 
 
 def _scaled_moments(surface: Surface, a: int, results: Results | None) -> tuple[float, float, float, float]:
-    """Moments of scaled x: mean, variance, covariance with x^2, its variance."""
+    """Moments of a scaled factor x: mean, variance, those of x^2."""
     given = results.distribution(surface.factors[a]) if results is not None else None
     found = quadrature_nodes(Factor(name="x", **given)) if given is not None else None
     if found is None:

@@ -1,15 +1,13 @@
 """Response surface, quadratic, of a metric over the factors, by least squares.
 
-With factors scaled to -1 .. 1 over the range that was run (x),
+With x the factors scaled to -1 .. 1 over the range that was run,
 
     y(x) = b + sum_i b_i x_i + sum_i b_ii x_i^2 + sum_{i<j} b_ij x_i x_j.                                    (a)
 
-With m rows, T terms, weights W and residuals e, the coefficients' covariance is s_r^2 (X' W X)^-1, s_r^2 = sum w_i
-e_i^2 / (m - T). If equal runs scatter with the variance s^2,
+With m rows, T terms, weights W, residuals e and s_r^2 = sum w_i e_i^2 / (m - T), coefficients have the covariance
+s_r^2 (X' W X)^-1. If equal runs scatter with the variance s^2, the surface's form is tested by
 
-    F = [sum n_i e_i^2 / (m - T)] / s^2                                                                      (b)
-
-tests the form of the surface. Predicted R2 leaves out each variant once (PRESS).
+    F = [sum n_i e_i^2 / (m - T)] / s^2.                                                                     (b)
 """
 
 from __future__ import annotations
@@ -25,9 +23,7 @@ from warpchain.study.analysis.pure_error import pure_error, row_standard_errors,
 from warpchain.study.results import Array, Results
 
 WEIGHTING_ROUNDS = 4
-"""Rounds of fits that weight rows by residuals."""
 TRUSTED_R2 = 0.8
-"""Predicted R2 of a response surface that is trusted."""
 
 
 @dataclass(frozen=True)
@@ -37,9 +33,9 @@ class Surface:
     Attributes:
         low, high: (A,) smallest and largest value of factors.
         powers: (T, A) exponent of each scaled factor in each term.
-        coefficients: (T,) b of eq. (a), in the metric's unit.
-        r2: part of the variance taken up [-].
-        r2_predicted: part of variants left out one at a time [-]; can be negative.
+        coefficients: (T,) b of (a), in the metric's unit.
+        r2: explained part of the variance [-].
+        r2_predicted: part predicted of variants left out one by one [-]; can be negative.
         weights: (N,) of variants.
         covariance: (T, T) of the coefficients.
         freedom: degrees of freedom; 0 for as many terms as variants.
@@ -60,18 +56,18 @@ class Surface:
 
     @property
     def coefficient_errors(self) -> Array:
-        """Standard errors (T,) of the surface's coefficients."""
+        """Standard errors (T,) of the response surface's coefficients."""
         if self.covariance is None or not self.freedom:
             return np.full(len(self.coefficients), np.nan)
         return np.sqrt(np.diag(self.covariance))
 
     @property
     def coefficient_intervals(self) -> Array:
-        """Half widths (T,) of the coefficients' 95 % intervals."""
+        """Half widths (T,) of coefficients' 95 % intervals."""
         return np.asarray(student_quantile(max(self.freedom, 1)) * self.coefficient_errors)
 
     def factor_effects(self) -> list[tuple[str, float, float]]:
-        """Factors with their effects over their ranges and half widths."""
+        """Factors, their effects over their ranges, and half widths."""
         halves = self.coefficient_intervals
         found = []
         for a, factor in enumerate(self.factors):
@@ -81,17 +77,17 @@ class Surface:
 
     @property
     def is_trusted(self) -> bool:
-        """Whether the surface predicts well enough to replace the metric."""
+        """Whether the response surface predicts well enough."""
         return self.r2_predicted >= TRUSTED_R2
 
     def predict(self, values: Array) -> Array:
-        """Metric on the surface at factor values (..., A)."""
+        """Response surface at factor values (..., A)."""
         x = scaled_values(np.asarray(values, dtype=float), self.low, self.high)
         flat = polynomial_terms(x.reshape(-1, len(self.factors)), self.powers) @ self.coefficients
         return flat.reshape(x.shape[:-1])
 
     def factor_slice(self, factor: str, points: int = 41) -> tuple[Array, Array]:
-        """Values (P,) of one factor and the surface there (P,)."""
+        """Values (P,) of one factor, and the response surface there."""
         a = self.factors.index(factor)
         values = np.tile(0.5 * (self.low + self.high), (points, 1))
         values[:, a] = np.linspace(self.low[a], self.high[a], points)
@@ -99,12 +95,12 @@ class Surface:
 
 
 def scaled_values(values: Array, low: Array, high: Array) -> Array:
-    """Factor values scaled to -1 .. 1."""
+    """Factor values scaled to -1 .. 1 for a response surface."""
     return (2.0 * values - low - high) / (high - low)
 
 
 def polynomial_terms(x: Array, powers: NDArray[np.int64]) -> Array:
-    """Polynomial terms (R, T) at scaled values (R, A)."""
+    """Terms (R, T) of a response surface at scaled values."""
     terms = np.ones((len(x), len(powers)))
     for t, row in enumerate(powers):
         for a in np.flatnonzero(row):
@@ -113,7 +109,7 @@ def polynomial_terms(x: Array, powers: NDArray[np.int64]) -> Array:
 
 
 def _polynomial_powers(levels: list[int], order: int) -> NDArray[np.int64]:
-    """Exponents (T, A) of terms of order 1 or 2."""
+    """Exponents (T, A) of a response surface's terms."""
     unit = np.eye(len(levels), dtype=np.int64)
     rows = [np.zeros(len(levels), dtype=np.int64), *unit]
     if order == 2:
@@ -202,7 +198,7 @@ class LackOfFit:
 
 
 def lack_of_fit(results: Results, surface: Surface) -> LackOfFit:
-    """Lack of fit of a response surface, (b).
+    """Lack of fit of a response surface beyond scatter, (b).
 
     Raises:
         StudyError: no replicates, or as many terms as rows.

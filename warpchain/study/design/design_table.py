@@ -1,7 +1,4 @@
-"""Designs of experiments: the table of a study's rows, before anything is simulated.
-
-A central composite design has 2^k corners, 2 k axial points and center points (Box and Wilson 1951).
-"""
+"""Designs of experiments: the table of a study's rows, before anything is simulated."""
 
 from __future__ import annotations
 
@@ -60,10 +57,7 @@ def make_design(study: Study, source: str | Path, before: Sequence[int] = ()) ->
 
 
 def design_table_of_rows(study: Study, rows: Sequence[Mapping[str, Any]]) -> pa.Table:
-    """Design table of given rows, tied factors filled in.
-
-    Rows may also have a value of `TODAY_COLUMN`.
-    """
+    """Design table of rows, tied factors filled in, today's marked."""
     given = [factor.name for factor in study.factors if factor.value_source != "expression"]
     for i, values in enumerate(rows):
         for name in given:
@@ -93,7 +87,7 @@ def _completed_table(study: Study, rows: Iterable[dict[str, Any]]) -> pa.Table:
 
 
 def _factor_columns(study: Study, source: str | Path, before: Sequence[int] = ()) -> dict[str, list[Any]]:
-    """Design values by factor, without expressions."""
+    """Design values by factor, expressions left out."""
     if study.design.kind == NOISE:
         return {}
     whole, study = study, study.design_study
@@ -123,7 +117,7 @@ def _factor_columns(study: Study, source: str | Path, before: Sequence[int] = ()
 
 
 def _check_row_count(rows: int, source: str | Path) -> None:
-    """Raises StudyError for a design of more than `MOST_ROWS` rows."""
+    """Raises StudyError for a design of too many rows."""
     if rows > MOST_ROWS:
         raise StudyError(f"{source}: design: {rows} rows; allowed are at most {MOST_ROWS}")
 
@@ -168,7 +162,7 @@ def _sampled_points(study: Study, count: int, source: str | Path, before: Sequen
 
 
 def extended_latin_hypercube(points: Array, count: int, seed: int, source: str | Path) -> Array:
-    """Latin hypercube (n, dimensions) grown to more points."""
+    """Points (count, dimensions) of a grown Latin hypercube."""
     if count % len(points):
         raise StudyError(
             f"{source}: design.count = {count}: a Latin hypercube of {len(points)} points grows to multiples of that"
@@ -182,7 +176,7 @@ def extended_latin_hypercube(points: Array, count: int, seed: int, source: str |
 
 
 def central_composite_points(count: int, axial: str, center: int) -> Array:
-    """Points (rows, count) of a central composite design, coded."""
+    """Coded points (rows, count) of a central composite design."""
     if count > 20:
         raise StudyError(f'design.kind = "central-composite": 2^{count} corners; allowed are at most 20 factors')
     reach = 2.0 ** (0.25 * count)
@@ -193,7 +187,7 @@ def central_composite_points(count: int, axial: str, center: int) -> Array:
 
 
 def plackett_burman_points(count: int) -> Array:
-    """Points (rows, count) of a Plackett-Burman design, coded."""
+    """Coded points (rows, count) of a Plackett-Burman design."""
     size = 4 * (count // 4 + 1)
     matrix = hadamard_matrix(size)
     while matrix is None and size < 4 * count + 64:
@@ -205,10 +199,7 @@ def plackett_burman_points(count: int) -> Array:
 
 
 def hadamard_matrix(size: int) -> Array | None:
-    """Hadamard matrix with a first column of ones, or None.
-
-    For a prime q = size - 1 = 3 mod 4 the core has the Legendre symbol of j - i off its diagonal (Paley).
-    """
+    """Hadamard matrix (size, size) by Paley and Sylvester, or None."""
     if size in (1, 2):
         return np.array([[1.0, 1.0], [1.0, -1.0]])[:size, :size]
     q = size - 1
@@ -263,7 +254,7 @@ def _read_design_columns(study: Study, source: str | Path) -> dict[str, list[Any
 
 
 def _is_factor_value(factor: Factor, value: Any) -> bool:
-    """Whether a factor can take a value."""
+    """Whether a design table's value is the factor's."""
     if factor.listed_values is not None:
         return value in factor.cells_from_values(factor.listed_values)
     if factor.range is None:
@@ -273,7 +264,7 @@ def _is_factor_value(factor: Factor, value: Any) -> bool:
 
 
 def distribution_metadata(factor: Factor) -> dict[str, str]:
-    """Distribution of a factor as metadata of its design column."""
+    """Metadata of a design column: its factor's distribution."""
     if factor.distribution in (None, "uniform"):
         return {}
     keys = ("distribution", "range", "mean", "std", "sample", "integer")
@@ -282,7 +273,7 @@ def distribution_metadata(factor: Factor) -> dict[str, str]:
 
 
 def _arrow_table(study: Study, columns: dict[str, list[Any]], reasons: list[str | None]) -> pa.Table:
-    """Design table from values by factor and reasons."""
+    """Design table from values by factor and rows' reasons."""
     import pyarrow as pa
 
     fields: list[pa.Field] = [pa.field("variant", pa.int64())]

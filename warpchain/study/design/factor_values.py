@@ -1,7 +1,7 @@
 """Values of factors from the unit interval and back, from coded units, a grid or expressions; quadrature nodes.
 
-Coded units are -1 and +1 at the ends of a range, logarithmic for log-uniform factors, at mean +- std of a normal, at
-the 16 and 84 % quantiles of an empirical one.
+Coded units are -1 and +1 at the ends of a range, logarithmic for log-uniform factors, at mean +- std of a normal, at 16
+and 84 % quantiles of an empirical one.
 """
 
 from __future__ import annotations
@@ -23,30 +23,27 @@ if TYPE_CHECKING:
 
 Array = NDArray[np.float64]
 QUADRATURE_NODES = 80
-"""Nodes of Gauss-Hermite and Gauss-Legendre quadrature."""
 MOST_WHOLE_NODES = 100_000
-"""Most whole numbers that are quadrature nodes."""
 FARTHEST_DEVIATIONS = 12.0
-"""Standard deviations at which truncated normals are cut."""
 BISECTIONS = 60
 
 
 @dataclass(frozen=True)
 class DesignDimension:
-    """Dimension of a design: factor or group."""
+    """Dimension of a design: factor, or group of factors."""
 
     name: str
     factors: tuple[Factor, ...]
 
     @property
     def grid_size(self) -> int | None:
-        """Number of the dimension's grid points, or None."""
+        """Number of a design dimension's grid points, or None."""
         first = self.factors[0]
         return len(first.listed_values) if first.listed_values is not None else first.points
 
 
 def design_dimensions(study: Study) -> tuple[DesignDimension, ...]:
-    """Dimensions of a study's design."""
+    """Dimensions of a study's design: factors and groups."""
     groups: dict[str, list[Factor]] = {}
     for factor in study.factors:
         if factor.value_source != "expression":
@@ -55,7 +52,7 @@ def design_dimensions(study: Study) -> tuple[DesignDimension, ...]:
 
 
 def values_from_probabilities(factor: Factor, u: Array) -> list[Any]:
-    """Values of a factor at cumulated probabilities (R,)."""
+    """Factor values at cumulated probabilities u (R,)."""
     if factor.listed_values is not None:
         return [
             factor.listed_values[i]
@@ -86,7 +83,7 @@ def values_from_probabilities(factor: Factor, u: Array) -> list[Any]:
 
 
 def values_from_coded(factor: Factor, x: Array) -> list[Any]:
-    """Values of a factor at coded units (R,)."""
+    """Factor values at coded units x (R,)."""
     if factor.listed_values is not None:
         return [factor.listed_values[int(place >= 0.0)] for place in x]
     if factor.value_source == "empirical":
@@ -108,14 +105,14 @@ def values_from_coded(factor: Factor, x: Array) -> list[Any]:
 
 
 def _empirical_sample(factor: Factor) -> Array:
-    """Sample (N,) of an empirical factor."""
+    """Sample (N,) of an empirical factor; raises if not read."""
     if factor.sample is None:
         raise StudyError(f"factors.{factor.name}.file: not read; load the study from its file")
     return np.array(factor.sample, dtype=float)
 
 
 def values_from_grid(factor: Factor, i: NDArray[np.int64], size: int) -> list[Any]:
-    """Values of a factor at grid points (R,) of `size`."""
+    """Factor values at grid points (R,) of `size`."""
     if factor.listed_values is not None:
         return [factor.listed_values[k] for k in i]
     values = values_from_coded(factor, 2.0 * i / (size - 1) - 1.0)
@@ -130,12 +127,12 @@ def lognormal_moments(factor: Factor) -> tuple[float, float]:
 
 
 def _rounded_values(factor: Factor, values: Array) -> list[Any]:
-    """Factor values as a list, rounded if whole numbers."""
+    """Factor values as a list, whole ones rounded."""
     return [round(value) for value in values.tolist()] if factor.integer else values.tolist()
 
 
 def tied_factors(study: Study) -> tuple[Factor, ...]:
-    """Factors with an expression, each behind those that it needs."""
+    """Factors of expressions, each after those that it needs."""
     waiting = {factor.name: factor for factor in study.factors if factor.value_source == "expression"}
     ordered: list[Factor] = []
     while waiting:
@@ -147,7 +144,7 @@ def tied_factors(study: Study) -> tuple[Factor, ...]:
 
 
 def fill_tied_values(study: Study, order: Sequence[Factor], row: dict[str, Any]) -> str | None:
-    """Fills tied factors into a row; returns a complaint."""
+    """Fills a row's tied factors; returns a complaint or None."""
     reason = None
     for factor in order:
         try:
@@ -166,7 +163,7 @@ def fill_tied_values(study: Study, order: Sequence[Factor], row: dict[str, Any])
 
 
 def evaluate_expression(text: str, row: Mapping[str, Any]) -> Any:
-    """Value of an expression's text in a design row."""
+    """Value of an expression in a design row."""
     return parse_expression(text).evaluate(row)
 
 
@@ -183,7 +180,7 @@ def _tied_value(factor: Factor, row: Mapping[str, Any]) -> Any:
 
 
 def quadrature_nodes(factor: Factor) -> tuple[Array, Array] | None:
-    """Quadrature nodes and weights (Q,) of a factor."""
+    """Quadrature nodes and weights (Q,) of a factor, or None."""
     if factor.listed_values is not None:
         if any(isinstance(value, (str, bool)) for value in factor.listed_values):
             return None
@@ -238,7 +235,7 @@ class DesignCube:
             raise StudyError("factors: all are expressions; at least one must vary by itself")
 
     def rows_of_points(self, points: Array) -> list[dict[str, Any]]:
-        """Design rows, values by factor, of unit-cube points (R, D)."""
+        """Design rows at unit-cube points (R, D)."""
         inner = np.clip(points, 0.0, 1.0 - 1e-12)
         columns = {
             f.name: values_from_probabilities(f, inner[:, k]) for k, axis in enumerate(self.axes) for f in axis.factors
@@ -265,7 +262,7 @@ class DesignCube:
         return found
 
     def model_coordinates(self, points: Array) -> Array:
-        """Coordinates of unit-cube points (R, D) for distances."""
+        """Surrogate coordinates (R, C) of unit-cube points (R, D)."""
         parts = []
         for k, axis in enumerate(self.axes):
             choice = axis.factors[0].choice
@@ -277,7 +274,7 @@ class DesignCube:
         return np.hstack(parts)
 
     def is_feasible(self, points: Array) -> np.ndarray:
-        """(R,) whether points satisfy the study's constraints."""
+        """(R,) whether unit-cube points satisfy constraints."""
         if not self.study.constraints and not tied_factors(self.study):
             return np.ones(len(points), dtype=bool)
         order = tied_factors(self.study)
@@ -287,7 +284,7 @@ class DesignCube:
 
 
 def _probabilities_of_values(factor: Factor, values: Sequence[Any]) -> Array:
-    """Places (R,) of a factor's values in the unit interval."""
+    """Cumulated probabilities (R,) of factor values."""
     if factor.listed_values is not None:
         count = len(factor.listed_values)
         return np.array([(factor.listed_values.index(value) + 0.5) / count for value in values])

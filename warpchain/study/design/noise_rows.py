@@ -1,11 +1,11 @@
 """Noise rows, the same for every design, and designs crossed with them.
 
-Noise is a Latin hypercube without chance correlations (Iman and Conover 1982): with scores S (n, d), normal quantiles
-of ranks in random order, and T their correlation, values take the order of
+A Latin hypercube is reordered against chance correlations (Iman and Conover 1982): with scores S (n, d), normal
+quantiles of random ranks, and T their correlation, values take the order of
 
     R = S chol(T)^-T.                                                                                        (a)
 
-Factors whose ranks correlate as r are tied by a Gaussian copula (Pearson 1907): of points u of the unit cube,
+Factors whose ranks correlate as r are tied by a Gaussian copula (Pearson 1907), u in the unit cube:
 
     v = Phi(chol(C) Phi^-1(u)),   C = 2 sin(pi r / 6).                                                       (b)
 """
@@ -34,11 +34,10 @@ if TYPE_CHECKING:
 Row = Mapping[str, Any]
 DECORRELATION_TURNS = 4
 LEAST_PROBABILITY = 1e-12
-"""Least distance of noise points from the unit interval's ends."""
 
 
 def noise_points(study: Study, count: int, seed: int) -> Array:
-    """Noise points (count, D) in the unit cube, rank-correlated."""
+    """Noise points (count, D) in the unit cube, ranks correlated."""
     from scipy.stats import qmc
 
     rng, size = np.random.default_rng(seed), noise_dimensions(study)
@@ -47,19 +46,19 @@ def noise_points(study: Study, count: int, seed: int) -> Array:
 
 
 def noise_dimensions(study: Study) -> int:
-    """Number D of independent dimensions of a study's noise."""
+    """Number of independent dimensions of a study's noise."""
     return len(design_dimensions(study.noise_study))
 
 
 def noise_rows_of_normals(study: Study, u: Array) -> list[dict[str, Any]]:
-    """Noise rows, values by factor, at standard normals (R, D)."""
+    """Noise rows at standard normals (R, D)."""
     from scipy.stats import norm
 
     return noise_rows_of_points(study, np.asarray(norm.cdf(u @ noise_mixing(study).T)))
 
 
 def noise_mixing(study: Study) -> Array:
-    """Matrix (D, D) from standard normals to noise, (b)."""
+    """Matrix (D, D) from standard normals to correlated noise, (b)."""
     places, root = _copula_factor(study)
     mixing = np.eye(noise_dimensions(study))
     mixing[np.ix_(places, places)] = root
@@ -76,7 +75,7 @@ def _copula_factor(study: Study) -> tuple[list[int], Array]:
 
 
 def _correlated_points(study: Study, points: Array) -> Array:
-    """Noise points (n, D) with the study's rank correlations, (b)."""
+    """Noise points (n, D) with rank correlations, (b)."""
     from scipy.stats import norm
 
     places, root = _copula_factor(study)
@@ -106,7 +105,7 @@ def _decorrelated_points(points: Array, rng: np.random.Generator) -> Array:
 
 
 def noise_rows(study: Study) -> list[dict[str, Any]]:
-    """Noise rows, values by factor, that each design runs with."""
+    """Noise rows, values by factor, that designs run with."""
     noise = study.noise or Noise()
     axes = design_dimensions(study.noise_study)
     if not axes:
@@ -115,7 +114,7 @@ def noise_rows(study: Study) -> list[dict[str, Any]]:
 
 
 def noise_rows_of_points(study: Study, points: Array) -> list[dict[str, Any]]:
-    """Noise rows, values by factor, at unit-cube points (R, D)."""
+    """Noise rows at unit-cube points (R, D)."""
     inner = np.clip(points, 0.0, 1.0 - 1e-12)
     columns = {
         factor.name: values_from_probabilities(factor, inner[:, k])
@@ -126,7 +125,7 @@ def noise_rows_of_points(study: Study, points: Array) -> list[dict[str, Any]]:
 
 
 def crossed_rows(designs: Sequence[Row], noise: Sequence[Row]) -> list[dict[str, Any]]:
-    """Every design row combined with every noise row."""
+    """Rows of every design with every noise row."""
     return [{**design, **row} for design in designs for row in noise]
 
 

@@ -1,15 +1,15 @@
 """Bayesian search of a study's next rows: costly runs that scatter, several objectives, limits, rows that fail.
 
-Each metric has a Gaussian process. Costs f are scaled to 0 .. 1 over the front. The volume that rows dominate, up to r
-= 1.2, is for random directions l (Golovin and Zhang 2020)
+Each metric has a Gaussian process, costs f are scaled to 0 .. 1 over the front. With random directions l, rows dominate
+the volume up to r = 1.2 (Golovin and Zhang 2020)
 
-    V ~ E_l max_rows s_l(f),      s_l(f) = min_i (max(0, r - f_i) / l_i)^M,                                       (a)
+    V ~ E_l max_rows s_l(f),      s_l(f) = min_i (max(0, r - f_i) / l_i)^M.                                       (a)
 
-so that the expected gain of a row at x, times the chance that it counts, is
+The expected gain of a row at x, times the chance that it counts, is
 
     a(x) = E[max(0, s_l(f(x)) - s_l*)] P(limits kept) P(ok).                                                      (b)
 
-Rows of a batch are kept apart by taking the mean at each as measured (Ginsbourger et al. 2010).
+Within a batch, the mean at each row counts as measured (Ginsbourger et al. 2010).
 """
 
 from __future__ import annotations
@@ -25,25 +25,22 @@ from warpchain.study.results import Array
 from warpchain.study.surrogate.gaussian_process import GaussianProcess, fit_gaussian_process
 
 GLOBAL_POINTS, LOCAL_POINTS = 1024, 96
-"""Numbers of search candidates, all over and local."""
 LOCAL_DEVIATIONS = (0.15, 0.04, 0.01)
-"""Deviations of search candidates about a row."""
 BEST_ROWS = 6
 GAIN_DRAWS = 128
 REFERENCE_COST = 1.2
-"""Scaled cost r of (a) that bounds volume."""
 
 
 @dataclass(frozen=True)
 class SearchModel:
-    """Surrogates of a Bayesian search, of metrics and of success."""
+    """Surrogates of a Bayesian search: metrics, success."""
 
     goals: Goals
     processes: dict[str, GaussianProcess]  # by metric, also of a factor that is an objective
     ok: GaussianProcess | None  # process of 1 for rows that are ok and 0 for others; None if none failed
 
     def predictions_at(self, x: Array) -> tuple[dict[str, tuple[Array, Array]], Array]:
-        """Predictions by metric at coordinates (C, D), and success probability."""
+        """Predictions by metric, and success probability, at coordinates (C, D)."""
         found = {name: process.predict(x) for name, process in self.processes.items()}
         chance = np.ones(len(x))
         if self.ok is not None:
@@ -59,7 +56,7 @@ class SearchModel:
 
 
 def fit_search_model(measured: GoalValues, x: Array) -> SearchModel:
-    """Search model fitted to rows' goals at coordinates (R, D)."""
+    """Search model fitted to goal values at coordinates (R, D)."""
     rows = measured.ok
     processes = {}
     for name, column in measured.columns.items():
@@ -110,21 +107,21 @@ def propose_points(cube: DesignCube, measured: GoalValues, points: Array, count:
 
 
 def _sobol_points(cube: DesignCube, rng: np.random.Generator, count: int) -> Array:
-    """Sobol' points (count, D) in the unit cube."""
+    """Sobol' points (count, D) as search candidates."""
     from scipy.stats import qmc
 
     return np.asarray(qmc.Sobol(len(cube.axes), rng=rng).random(count), dtype=float)
 
 
 def _local_points(point: Array, count: int, rng: np.random.Generator) -> Array:
-    """Search candidates about one point, some of whose coordinates move."""
+    """Search candidates (count, D) about a point."""
     spreads = np.repeat(LOCAL_DEVIATIONS, count // len(LOCAL_DEVIATIONS))[:, None]
     moved = rng.random((len(spreads), len(point))) < max(0.3, 2.0 / len(point))
     return np.asarray(point + spreads * moved * rng.standard_normal(moved.shape))
 
 
 def _new_feasible_points(cube: DesignCube, candidates: Array, known: Array) -> Array:
-    """Search candidates that are allowed, feasible and new."""
+    """Search candidates that are feasible and new."""
     snapped = cube.snapped_points(candidates)
     seen = {tuple(row) for row in np.round(known, 9).tolist()}
     new = []
@@ -136,12 +133,12 @@ def _new_feasible_points(cube: DesignCube, candidates: Array, known: Array) -> A
 
 
 def _volume_scalars(costs: Array, ways: Array) -> Array:
-    """Volume that costs (..., M) dominate along directions, s_l."""
+    """Volume scalars s_l of costs (..., M), (a)."""
     return np.asarray((np.maximum(REFERENCE_COST - costs, 0.0) / ways).min(axis=-1) ** costs.shape[-1])
 
 
 def _cost_scaling(belief: SearchModel, measured: GoalValues, x: Array) -> tuple[Array, Array, Array]:
-    """Mean costs (R, M) of rows, and scaling (M,)."""
+    """Mean costs (R, M) of rows, and the front's ends (M,)."""
     means = np.stack(
         [
             sign * belief.processes[o.metric].predict(x)[0]
@@ -159,7 +156,7 @@ def _cost_scaling(belief: SearchModel, measured: GoalValues, x: Array) -> tuple[
 
 
 def _best_points(belief: SearchModel, measured: GoalValues, cube: DesignCube, points: Array) -> Array:
-    """Points (K, D) of the best rows of a search."""
+    """Points (K, D) of a search's best rows."""
     x = cube.model_coordinates(points)
     means, low, high = _cost_scaling(belief, measured, x)
     scaled = (means - low) / (high - low)
@@ -176,7 +173,7 @@ def _best_points(belief: SearchModel, measured: GoalValues, cube: DesignCube, po
 def _acquisition_values(
     belief: SearchModel, measured: GoalValues, cube: DesignCube, places: tuple[Array, Array], ways: Array, normal: Array
 ) -> Array:
-    """Expected gain (C,) of search candidates, (b)."""
+    """Expected gain a(x) (C,) of search candidates, (b)."""
     points, candidates = places
     means, low, high = _cost_scaling(belief, measured, cube.model_coordinates(points))
     found, chance = belief.predictions_at(cube.model_coordinates(candidates))

@@ -2,7 +2,7 @@
 
     A/  B/   folders of the runs of each drive: their n-th rows are a pair, with the same noise
 
-Design factors are held at each drive's values. The same study asks for the same runs, so that it can be resumed.
+Design factors are held at each drive's values.
 """
 
 from __future__ import annotations
@@ -42,9 +42,9 @@ class Comparison:
 
     Attributes:
         metric: whose means are compared; None is the study's only objective.
-        sense: "min" or "max", which is better; None is the objective's, or else "min".
+        sense: "min" or "max"; None is the objective's, or else "min".
         level: probability with which no wrong sign is stated.
-        event: change of a pair's difference by rare events, in SI units; None takes `paired.EVENT_DEVIATIONS`.
+        event: change of a difference by rare events, in SI; None takes `paired.EVENT_DEVIATIONS`.
     """
 
     metric: str | None = None
@@ -55,7 +55,7 @@ class Comparison:
     event: NonNegativeNumber | None = None
 
     def most_batches(self, copies: int) -> int:
-        """Most batches of pairs within the comparison's budget."""
+        """Most batches of pairs that the comparison's budget allows."""
         runs = 2 * self.batch * copies
         if self.budget < runs:
             raise StudyError(f"budget = {self.budget}: must be at least {runs}, the runs of a batch")
@@ -90,7 +90,7 @@ class DriveComparison:
         return self._winner_of_sign(self.found.shown_sign)
 
     def _winner_of_sign(self, sign: int) -> str | None:
-        """Better drive, "A" or "B", by the mean difference's sign."""
+        """Better drive, "A" or "B", by a difference's sign."""
         return {1: "B", -1: "A"}.get(sign * (1 if self.sense == "max" else -1))
 
     @property
@@ -104,7 +104,7 @@ class DriveComparison:
         return self.results[0].column_unit(self.metric)
 
     def won_pairs(self, name: str) -> int:
-        """Number of pairs in which a drive is better."""
+        """Number of pairs that a compared drive wins."""
         way = (1.0 if self.sense == "max" else -1.0) * (1.0 if name == "B" else -1.0)
         return int((way * self.differences > 0.0).sum())
 
@@ -128,19 +128,19 @@ def find_better(
     progress: Progress = False,
     report: Callable[[DriveComparison], object] | None = None,
 ) -> DriveComparison:
-    """Comparison of two drives over noise, until sure.
+    """Comparison of two drives over a study's noise, run until sure.
 
     Args:
         source: the study file, with noise factors.
         drives: files of A and B, or names of examples.
         out: the folder; made if there is none.
         by: metric, level and budget.
-        progress: True shows a bar for each batch; see `StudySession.evaluate`.
+        progress: True shows a bar; see `StudySession.evaluate`.
         report: called after each batch.
 
     Raises:
         StudyError: an error of the study or a drive, another study's folder, or runs that are not ok.
-        KeyboardInterrupt: the user stopped it; what is done stays.
+        KeyboardInterrupt: what is done stays.
     """
     benches = first, second = tuple(
         StudySession(source, Path(out) / name, workers=workers, memory=memory, drive=drive)
@@ -176,7 +176,7 @@ def find_better(
 def _pair_differences(
     both: Sequence[Results], metric: str, by: Comparison
 ) -> tuple[Array, MeanDifference, tuple[float, ...]]:
-    """Differences (P,) of pairs, their mean, both means."""
+    """Differences (P,) of pairs, mean difference, both drives' means."""
     values = np.array([_metric_of_runs(each, metric) for each in both])
     whole, differences = np.isfinite(values).all(axis=0), values[1] - values[0]
     if whole.sum() < 2:
@@ -187,7 +187,7 @@ def _pair_differences(
 
 
 def _metric_of_runs(results: Results, metric: str) -> Array:
-    """Metric values (R,) of runs, NaN if not ok."""
+    """Compared metric (R,) of runs, NaN if not ok."""
     if metric not in results.table.column_names:
         return np.full(len(results.status), np.nan)
     return np.where(results.ok, results.values(metric), np.nan)

@@ -1,14 +1,11 @@
-"""`warpchain calibrate`: posterior of a drive's unknowns given measurements on a rig.
+"""`warpchain calibrate`: posterior of a drive's unknowns given measurements on a rig (docs/calibration.md).
 
-    study.toml  drive.toml      the study and its base drive
-    rounds/NNNN/                a round of runs (`optimize.study_session`), all recorded
-    rounds/NNNN/normals.parquet its rows as independent standard normals
-    results.parquet             all runs
-    posterior.csv               samples of the unknowns
-    calibrated.toml             the drive at the posterior's means
-
-The first round is spread over the prior, each next drawn from the posterior by Gaussian processes of the measured
-numbers; the last only checks these.
+study.toml  drive.toml      the study and its base drive
+rounds/NNNN/                a round of runs, all recorded
+rounds/NNNN/normals.parquet its rows as standard normals
+results.parquet             all runs
+posterior.csv               samples of the unknowns
+calibrated.toml             the drive at the posterior's means
 """
 
 from __future__ import annotations
@@ -54,16 +51,15 @@ from warpchain.study.store import read_table, write_study_text, write_table
 from warpchain.study.surrogate.gaussian_process import GaussianProcess, fit_gaussian_process, one_linear_algebra_thread
 
 COORDINATE_REACH = 3.0
-"""Standard normals at coordinates 0 and 1."""
+"""Standard normal whose coordinate is 1, its negative 0."""
 MOST_CHECK_RUNS = 8
 PREDICTION_DRAWS = 2000
 LEAST_SPREAD = 1e-9
-"""Least prior deviation over the largest value."""
 
 
 @dataclass(frozen=True)
 class MeasuredNumber:
-    """A number measured on a rig, with its standard deviation."""
+    """Number measured on a rig, with its standard deviation."""
 
     name: str  # a metric, or "SIGNAL: STATISTIC"
     unit: str
@@ -83,7 +79,7 @@ class MetricPrediction:
 
 @dataclass(frozen=True)
 class Calibration:
-    """Calibration's result: posterior, runs, predictions."""
+    """Result of a calibration: posterior, runs, predictions."""
 
     folder: Path
     study: Study
@@ -107,7 +103,7 @@ class Calibration:
 
     @cached_property
     def check_counts(self) -> tuple[int, int]:
-        """Numbers within bands in the last round, and all."""
+        """Numbers within their bands in the last round, and all."""
         mean, variance = self.emulated(self.normals[-self.checks :])
         off = np.abs(self.runs[-self.checks :] - mean) / np.sqrt(variance)
         return int((off <= 1.96).sum()), int(np.isfinite(off).sum())
@@ -130,7 +126,7 @@ def check_prior_spreads(source: str | os.PathLike[str], study: Study) -> None:
 
 
 class NumberEmulators:
-    """Gaussian processes of measured numbers over standard normals, a `posterior.NumbersModel`.
+    """Gaussian processes of measured numbers over standard normals.
 
     Args:
         normals: (R, D) of all runs.
@@ -157,7 +153,7 @@ class NumberEmulators:
 
     @property
     def q2_values(self) -> list[float]:
-        """Cross-validated Q2 of each measured number."""
+        """Cross-validated Q2 of each measured number's process."""
         found = []
         for of in self.processes:
             observed, (predicted, _) = of.center + of.scale * of.z, of.leave_one_out()
@@ -166,12 +162,12 @@ class NumberEmulators:
 
 
 def _process_coordinates(u: Array) -> Array:
-    """Coordinates of the processes from standard normals."""
+    """Coordinates of Gaussian processes from standard normals."""
     return 0.5 + u / (2.0 * COORDINATE_REACH)
 
 
 class RigMeasurements:
-    """Numbers measured on a rig, and of runs.
+    """Measurements on a rig, as numbers of any run.
 
     Raises:
         StudyError: a file that cannot be read, or a number without an error.
@@ -191,7 +187,7 @@ class RigMeasurements:
                 self.signals[of.signal] = measured
 
     def measured_numbers(self, turns: float, results: Results) -> tuple[MeasuredNumber, ...]:
-        """Numbers measured on the rig."""
+        """Numbers measured on the rig, with their errors."""
         found = []
         for of in self.of:
             if of.metric is not None:
@@ -208,7 +204,7 @@ class RigMeasurements:
         return tuple(found)
 
     def _measured_number(self, of: Measurement, name: str, unit: str, value: float, scatter: float) -> MeasuredNumber:
-        """Measured number with its error."""
+        """One number measured on the rig, with its error."""
         if not np.isfinite(value):
             raise StudyError(f"measured: {name}: the measured signal is too short or too coarse for it")
         said = of.error if of.error is not None else abs(value) * float(of.relative_error or 0.0)
@@ -218,7 +214,7 @@ class RigMeasurements:
         return MeasuredNumber(name, unit, value, error)
 
     def numbers_of_run(self, results: Results, row: int, trajectory: Trajectory | None) -> list[float]:
-        """Numbers of a run as on the rig."""
+        """Numbers of a run as measured on the rig."""
         found: list[float] = []
         for of in self.of:
             if of.metric is not None:
@@ -238,7 +234,7 @@ class RigMeasurements:
 
 
 def _features_of_measurement(of: Measurement) -> SignalFeatures:
-    """Signal features that count in a measurement."""
+    """Features of a measured signal that count."""
     return SignalFeatures(of.statistics, of.orders, of.bands)
 
 
@@ -250,14 +246,14 @@ def _window_frames(results: Results, row: int, trajectory: Trajectory) -> slice:
 
 
 def mean_driver_turns(trajectory: Trajectory, part: slice) -> float:
-    """Mean speed of the driver over frames [1/s]."""
+    """Mean turns of the driver [1/s] over some frames."""
     (angles,) = require_channels(trajectory, "sprocket_angle")
     angle, time = forward_values(trajectory.drive, angles[part], trajectory.drive.driver), trajectory.time[part]
     return float((angle[-1] - angle[0]) / (time[-1] - time[0]) / (2.0 * np.pi)) if len(time) > 1 else 0.0
 
 
 class CalibrationRuns:
-    """Rounds of a calibration's runs: standard normals and numbers."""
+    """Rounds of a calibration's runs: standard normals, numbers."""
 
     def __init__(self, bench: StudySession, folder: Path, rig: RigMeasurements, progress: Progress) -> None:
         self.bench, self.folder, self.rig, self.progress = bench, folder, rig, progress
@@ -270,7 +266,7 @@ class CalibrationRuns:
         self.results: Results
 
     def rows_of_normals(self, u: Array) -> list[dict[str, Any]]:
-        """Study rows, values by factor, at standard normals (R, D)."""
+        """Calibration rows at standard normals (R, D)."""
         return [self._held | row for row in noise_rows_of_normals(self.bench.study, u)]
 
     def run_round(self, u: Array) -> None:
@@ -322,12 +318,12 @@ def calibrate(
     Args:
         source: the study file, with `[[measured]]` and noise factors.
         out: the folder; made if there is none.
-        progress: True shows a bar for each round; see `StudySession.evaluate`.
+        progress: True shows a bar; see `StudySession.evaluate`.
         report: called with a line after each round.
 
     Raises:
         StudyError: an error of the study, another study's folder, or runs that are not ok.
-        KeyboardInterrupt: the user stopped it; what is done stays.
+        KeyboardInterrupt: what is done stays.
     """
     from scipy.stats import norm, qmc
 
@@ -376,25 +372,25 @@ def calibrate(
 
 
 def _random_samples(u: Array, count: int, rng: np.random.Generator) -> Array:
-    """Random choice of at most `count` samples."""
+    """Random choice of at most `count` posterior samples."""
     return u[rng.permutation(len(u))[:count]]
 
 
 def _directions_of_factors(found: Sequence[PosteriorDirection], mixing: Array) -> list[PosteriorDirection]:
-    """Directions of factors' normal scores from independent normals'."""
+    """Posterior directions of factors from independent normals'."""
     turned = [mixing @ of.weights for of in found]
     return [PosteriorDirection(w / np.linalg.norm(w), of.left) for w, of in zip(turned, found, strict=True)]
 
 
 def _unknown_values(runs: CalibrationRuns, u: Array) -> dict[str, Array]:
-    """Values (S,) of unknowns at standard normals, by name."""
+    """Values (S,) by unknown at standard normals (S, D)."""
     rows = runs.rows_of_normals(u)
     names = [factor.name for factor in runs.bench.study.noise_study.factors]
     return {name: np.array([row[name] for row in rows], dtype=float) for name in names}
 
 
 def _write_posterior(folder: Path, runs: CalibrationRuns, mean: Array, after: Array) -> Path:
-    """Writes posterior samples and the calibrated drive; returns its file."""
+    """Writes posterior samples and calibrated drive; returns the latter's file."""
     columns = _unknown_values(runs, after)
     lines = [
         ",".join(columns),
@@ -409,7 +405,7 @@ def _write_posterior(folder: Path, runs: CalibrationRuns, mean: Array, after: Ar
 def _metric_predictions(
     runs: CalibrationRuns, settings: Calibrate, before: Array, after: Array, rng: np.random.Generator
 ) -> Any:
-    """Predictions of metrics by Gaussian processes of all runs."""
+    """Predictions of metrics before and after calibration."""
     results = runs.results
     named = settings.predict or [of.metric for of in runs.bench.study.measured if of.metric is not None]
     for metric in dict.fromkeys(named):

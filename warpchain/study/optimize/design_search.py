@@ -1,7 +1,6 @@
-"""`warpchain optimize`: rounds of rows in a folder up to the count, then recommended designs.
+"""`warpchain optimize`: rounds of rows in a folder up to the count, then recommended designs (docs/optimization.md).
 
-docs/optimization.md lists the folder's files; a round is done when rounds/NNNN/rows.parquet is there. The next rows
-follow from the study and the rows before, bit by bit, so that a search can be resumed.
+The next rows follow from those before, bit by bit, so that a search can be resumed.
 """
 
 from __future__ import annotations
@@ -71,13 +70,13 @@ def optimize(
     Args:
         source: the study file, with `[[objectives]]`.
         out: the folder; made if there is none.
-        progress: True shows a bar for each round; see `StudySession.evaluate`.
+        progress: True shows a bar; see `StudySession.evaluate`.
         report: called with a line after each round.
         known: folders of studies whose rows are not run again.
 
     Raises:
         StudyError: an error of the study, another study's folder, a missing package, or no row that is ok.
-        KeyboardInterrupt: the user stopped it; what is done stays.
+        KeyboardInterrupt: what is done stays.
     """
     bench = StudySession(source, out, workers=workers, memory=memory)
     search = bench.study.optimize or Search()
@@ -117,7 +116,7 @@ def optimize(
 
 
 def make_search_folder(path: Path, bench: StudySession) -> Path:
-    """Path of a search's folder, made or opened."""
+    """Makes or opens a search's folder; returns its path."""
     try:
         (path / "rounds").mkdir(parents=True, exist_ok=True)
     except OSError as error:
@@ -138,7 +137,7 @@ def make_search_folder(path: Path, bench: StudySession) -> Path:
 
 
 def _fixed_field(study: Study, name: str) -> object:
-    """A study's field as far as fixed during a search."""
+    """Study's field as far as a search fixes it."""
     if name == "optimize":
         return (study.optimize or Search()).model_copy(update={"count": 1, "recommend": 1})
     if name in ("measured", "calibrate"):
@@ -147,7 +146,7 @@ def _fixed_field(study: Study, name: str) -> object:
 
 
 def _search_status_line(results: Results, goals: Goals) -> str:
-    """Status of a search in one line."""
+    """Line on a search's rows and best values."""
     from warpchain.results.units import quantity_words
 
     runs = len(results.status)
@@ -174,7 +173,7 @@ def _write_recommended(
     rows: list[dict[str, Any]],
     chosen: tuple[RecommendedDesign, ...],
 ) -> tuple[tuple[Path, ...], tuple[tuple[Path, int] | None, ...]]:
-    """Writes recommended designs as drive files and recordings; returns both."""
+    """Writes recommended designs; returns drive files, and recordings' places."""
     place = folder / "recommended" / f"{len(results.status):04d}"
     study = bench.study.model_copy(update={"record": Recording(every=1, rate=bench.study.record.rate)})
     design = table_with_column(design_table_of_rows(study, rows), "variant", [one.variant for one in chosen])

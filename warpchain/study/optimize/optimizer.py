@@ -1,4 +1,4 @@
-"""Optimizer: search for a study's next rows by ask and observe, from the rows that were run."""
+"""Optimizer: search for a study's next rows by ask and observe."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     import pyarrow as pa
 
 LOST_EXCESS = 1e3
-"""Excess of a row without metrics, in spreads."""
+"""Cost and excess of a row without metrics."""
 
 
 class Population:
@@ -47,13 +47,13 @@ class Population:
         self._asked: Any = None
 
     def next_generation(self) -> Array:
-        """Points (N, D) of NSGA-II's next generation."""
+        """Unit-cube points (N, D) of NSGA-II's next generation."""
         if self._asked is None:
             self._asked = self._algorithm.ask()
         return np.asarray(self._asked.get("X"), dtype=float)
 
     def observe_generation(self, measured: GoalValues) -> None:
-        """Gives the population the goal values of its last generation."""
+        """Gives NSGA-II the goal values of its last generation."""
         self.next_generation()
         ok = measured.ok
         costs = np.where(ok[:, None], measured.costs, LOST_EXCESS)
@@ -76,7 +76,7 @@ class Optimizer:
         source: the study file, which errors name.
 
     Raises:
-        StudyError: a study without objectives, or with factors that have no range.
+        StudyError: no objectives, or factors without a range.
     """
 
     def __init__(self, study: Study, source: str = "study") -> None:
@@ -95,22 +95,22 @@ class Optimizer:
 
     @property
     def observed_count(self) -> int:
-        """Number of rows or designs whose results are known."""
+        """Number of designs whose results the optimizer knows."""
         return sum(table.num_rows for table in self._tables)
 
     @check_arguments(StudyError)
     def ask(self, count: Count | None = None) -> list[dict[str, Any]]:
-        """Next rows to run, values by factor, of the search.
+        """Next rows to run, values by factor.
 
         Args:
-            count: designs; None takes `optimize.batch`. The design and generations of a population come whole.
+            count: designs; None takes `optimize.batch`. The design and a population's generations come whole.
         """
         if not self._tables:
             return make_design(self.study, self._source).select([f.name for f in self.study.factors]).to_pylist()
         return crossed_rows(self._proposed_rows(count), self._noise)
 
     def _proposed_rows(self, count: int | None) -> list[dict[str, Any]]:
-        """Rows, values by factor, that the search engine proposes next."""
+        """Rows that the search engine proposes next."""
         if self.settings.engine == "population":
             return self.cube.rows_of_points(self._current_population().next_generation())
         import pyarrow as pa
@@ -122,7 +122,7 @@ class Optimizer:
 
     @check_arguments(StudyError)
     def observe(self, table: pa.Table) -> None:
-        """Adds results of rows to the search.
+        """Adds results of rows to the optimizer.
 
         Raises:
             StudyError: a column is missing, or other rows than a population has asked for.
@@ -138,11 +138,11 @@ class Optimizer:
         self._points.append(points)
 
     def _goal_values(self, table: pa.Table) -> GoalValues:
-        """Goal values of a table of results."""
+        """Goal values of a results table."""
         return self._over.goal_values(read_results(table, self._factors, ()))
 
     def _current_population(self) -> Population:
-        """Population of the search, led through the results so far."""
+        """Population that has observed all results so far."""
         if self._population is None:
             sizes = len(self._over.objectives), len(self._over.bounds), self.settings.batch
             self._population = Population(np.vstack(self._points), *sizes, self.settings.seed)
@@ -150,7 +150,7 @@ class Optimizer:
         return self._population
 
     def _observe_population(self, rows: Sequence[dict[str, Any]], measured: GoalValues) -> None:
-        """Gives the population its generation's results, refused of other rows."""
+        """Gives the population its results; raises for other rows."""
         asked = design_table_of_rows(
             self._designs, self.cube.rows_of_points(self._current_population().next_generation())
         ).to_pylist()

@@ -1,8 +1,4 @@
-"""Recommended designs out of the rows that were run, with estimates of their metrics and reasons.
-
-Rows that were run once are compared by surrogates. With noise, rows are designs and metrics statistics of their runs.
-None is recommended that another design beats: surely better in one objective, and no worse in any.
-"""
+"""Recommended designs out of the rows that were run, with estimates and reasons (docs/optimization.md)."""
 
 from __future__ import annotations
 
@@ -27,7 +23,6 @@ from warpchain.study.spec.noise_table import metric_from_name, statistic_from_na
 from warpchain.study.surrogate import best_surrogate
 
 SURE_PROBABILITY = 0.95
-"""Probability from which on a row counts as keeping limits."""
 
 
 @dataclass(frozen=True)
@@ -41,7 +36,7 @@ class MetricEstimate:
 
 @dataclass(frozen=True)
 class MetricChange:
-    """Change of a goal's metric from today's design to another."""
+    """Change of a goal's metric from today's design."""
 
     difference: float
     half: float  # half width of the difference's interval: 95 % over noise, else two deviations
@@ -51,7 +46,7 @@ class MetricChange:
 
     @property
     def verdict(self) -> str:
-        """Verdict on a metric's change, as a word."""
+        """Word for a metric's change, such as "better"."""
         if not self.sign:
             return "not known"
         if not self.sense:
@@ -61,7 +56,7 @@ class MetricChange:
 
 @dataclass(frozen=True)
 class RecommendedDesign:
-    """A recommended design, or today's, with its reasons."""
+    """Recommended design, or today's, with its reasons."""
 
     row: int
     variant: int
@@ -75,7 +70,7 @@ class RecommendedDesign:
 
 
 def metric_estimate(results: Results, metric: str) -> MetricEstimate:
-    """Estimate of a metric by runs or surrogate."""
+    """Estimate of a metric at rows, by runs or surrogate."""
     values, rows = results.values(metric), results.usable_rows(metric)
     if metric in results.factors:
         return MetricEstimate(values, np.zeros(len(values)), "set")
@@ -110,7 +105,7 @@ class JudgedRows:
 
 
 def judge_rows(results: Results, goals: Goals) -> JudgedRows:
-    """Rows judged by goals: estimated costs, probabilities of keeping limits."""
+    """Rows judged by goals: costs, chances to keep limits."""
     measured = goals.goal_values(results)
     if not measured.ok.any():
         raise StudyError("objectives: no variant is ok and has all of " + ", ".join(goals.named_metrics))
@@ -136,7 +131,7 @@ def judge_rows(results: Results, goals: Goals) -> JudgedRows:
 
 
 def estimated_front(judged: JudgedRows) -> NDArray[np.intp]:
-    """Rows (P,) on the Pareto front of estimates."""
+    """Rows (P,) on the Pareto front of estimated costs."""
     rows = np.flatnonzero(judged.held)
     front = rows[is_non_dominated(judged.costs[rows])] if len(rows) else rows
     both = np.intersect1d(front, rows[is_non_dominated(judged.measured[rows])]) if len(rows) else rows
@@ -148,19 +143,19 @@ def recommend(results: Results, goals: Goals, most: int = 4) -> list[Recommended
     """Recommended designs: compromise, best of each objective, safe choice.
 
     Raises:
-        StudyError: no row is ok and has all metrics.
+        StudyError: no row is ok with all metrics.
     """
     return recommend_rows(results, judge_rows(results, goals), most)
 
 
 def design_of_today(results: Results, judged: JudgedRows) -> RecommendedDesign | None:
-    """Today's design, described like recommended ones, or None."""
+    """Today's design described as recommended ones are, or None."""
     row = results.row_of_today
     return None if row is None else _recommended_design(results, judged, row, [])
 
 
 def recommend_rows(results: Results, judged: JudgedRows, most: int = 4) -> list[RecommendedDesign]:
-    """Designs to recommend out of judged rows, at most `most`.
+    """Recommended designs out of judged rows, at most `most`.
 
     Raises:
         StudyError: no row has a chance to keep the limits.
@@ -197,7 +192,7 @@ def recommend_rows(results: Results, judged: JudgedRows, most: int = 4) -> list[
 
 
 def _simulated_rival(results: Results, judged: JudgedRows, best: int, m: int) -> str:
-    """Words on a variant that was simulated better than the best by estimate; "" without one."""
+    """Text on a variant simulated better than the estimated best."""
     run = np.where(judged.held & np.isfinite(judged.measured[:, m]), judged.measured[:, m], np.inf)
     rival = int(np.argmin(run))
     if not run[rival] < judged.measured[best, m]:
@@ -207,7 +202,7 @@ def _simulated_rival(results: Results, judged: JudgedRows, best: int, m: int) ->
 
 
 def _sure_cost_signs(results: Results, judged: JudgedRows, row: int, others: NDArray[np.intp], m: int) -> Array:
-    """Signs (K,) of cost differences to a row."""
+    """Signs (K,) of other rows' costs less a row's."""
     gap = judged.costs[others, m] - judged.costs[row, m]
     alike = np.abs(gap) <= 2.0 * np.hypot(judged.spread[others, m], judged.spread[row, m])
     signs = np.where(alike, 0.0, np.sign(gap))
@@ -220,7 +215,7 @@ def _sure_cost_signs(results: Results, judged: JudgedRows, row: int, others: NDA
 
 
 def _beating_rows(results: Results, judged: JudgedRows, row: int, others: NDArray[np.intp]) -> NDArray[np.intp]:
-    """Rows that surely beat a row."""
+    """Rows that beat a row: one cost surely better, none worse."""
     others = others[(judged.costs[others] <= judged.costs[row]).all(axis=1)]
     better = [_sure_cost_signs(results, judged, row, others, m) < 0.0 for m in range(judged.costs.shape[1])]
     return np.asarray(others[np.any(better, axis=0)])
@@ -251,14 +246,14 @@ def _passed_over_lines(results: Results, judged: JudgedRows, row: int) -> list[s
 
 
 def _chance_text(judged: JudgedRows, row: int) -> str:
-    """Probability that a row keeps the limits, in percent."""
+    """Text of a row's probability to keep limits."""
     return f"{100.0 * judged.chance[row]:.0f} %"
 
 
 def _recommended_design(
     results: Results, judged: JudgedRows, row: int, reasons: list[tuple[str, int]]
 ) -> RecommendedDesign:
-    """Recommended design of a row, with its reasons as lines."""
+    """Recommended design of a row, with reasons."""
     goals = judged.goals
     objectives = [m for _, m in reasons if m >= 0] or list(range(len(goals.objectives)))
     others = np.flatnonzero(judged.held)
@@ -310,7 +305,7 @@ def _recommended_design(
 
 
 def _adjustment_lines(results: Results, row: int) -> list[str]:
-    """A line on the links and the travel that `[adjust]` chose for a row, if any."""
+    """Line on a row's adjusted links and travel, if any."""
     chosen = []
     for name in results.adjustment_columns:
         value = results.table[name][row].as_py()
@@ -341,7 +336,7 @@ def _metric_changes(results: Results, judged: JudgedRows, before: int, after: in
 def rows_of_recommended(
     study: Study, drive: Drive, designs: Results, chosen: Sequence[RecommendedDesign]
 ) -> list[dict[str, Any]]:
-    """Study rows, values by factor, of recommended designs."""
+    """Study rows of recommended designs."""
     if not isinstance(designs, Designs):
         names = [factor.name for factor in study.factors]
         return list(designs.table.select(names).take([one.row for one in chosen]).to_pylist())

@@ -1,13 +1,11 @@
 """`warpchain risk`: probability that a drive breaks a limit on a metric over its noise, and the likeliest ways.
 
-    study.toml  drive.toml   the study and its base drive
-    rounds/NNNN/             a batch of runs (`optimize.study_session`)
-    results.parquet          all runs, marked as no sample of the noise
-    risk.json                the estimates
-    played/                  a recording of the most likely way to fail
-    today/                   the same of the study's own drive, if another one was asked for
-
-The same study asks for the same runs, so that it can be resumed.
+study.toml  drive.toml   the study and its base drive
+rounds/NNNN/             a batch of runs
+results.parquet          all runs, marked as no sample of the noise
+risk.json                the estimates
+played/                  a recording of the most likely way to fail
+today/                   the same of the study's own drive, beside another
 """
 
 from __future__ import annotations
@@ -30,9 +28,9 @@ from warpchain.progress import Progress, interruptible_work, raise_if_stopped
 from warpchain.study.analysis.failure_probability import FailureEstimate, design_points, subset_simulation
 from warpchain.study.analysis.importance_sampling import (
     FailureMixture,
+    combined_estimate,
     fit_mixture,
     importance_sampling,
-    joint_estimate,
 )
 from warpchain.study.design.factor_values import design_dimensions
 from warpchain.study.design.noise_rows import noise_dimensions, noise_mixing, noise_rows_of_normals
@@ -47,14 +45,14 @@ from warpchain.study.store import write_study_text, write_table
 
 SUMMARY_FILE, TODAY_FOLDER = "risk.json", "today"
 NOT_OK_LIMIT = ("", "")
-"""Limit that a run breaks that is not ok."""
+"""Limit that a run breaks by not being ok."""
 LimitEnd = tuple[str, str]
 """Metric and end of a limit, "min" or "max"."""
 
 
 @dataclass(frozen=True)
 class DesignPoint:
-    """A most likely way to break a limit."""
+    """Design point: a most likely way to break a limit."""
 
     variant: int  # number of the run there
     distance: float  # from the medians, in standard deviations [-]
@@ -64,7 +62,7 @@ class DesignPoint:
 
 @dataclass(frozen=True)
 class RiskEstimate:
-    """Risk that a drive breaks a study's limits over noise."""
+    """Risk that a drive breaks limits over noise."""
 
     folder: Path
     drive: str  # its file or example, as named
@@ -83,10 +81,7 @@ class RiskEstimate:
 
     @property
     def sign_beside_today(self) -> int | None:
-        """Sign of the drive's risk against today's, 0 if unsure.
-
-        Sure is where the 95 % intervals do not overlap; None without today's design.
-        """
+        """Sign of the drive's risk less today's, 0 if unsure, or None."""
         if self.today is None:
             return None
         here, there = self.joint, self.today.joint
@@ -96,7 +91,7 @@ class RiskEstimate:
 
 
 class LimitMargins:
-    """Least margin to a study's limits over standard normals.
+    """Least margin to a study's limits at standard normals.
 
     Args:
         held: values of the design factors.
@@ -139,18 +134,18 @@ class LimitMargins:
         return np.asarray(margins.min(axis=1))
 
     def runs_at_points(self, points: Array) -> NDArray[np.intp]:
-        """Numbers of the runs at points (N, D)."""
+        """Numbers (N,) of the runs at points (N, D)."""
         known: dict[bytes, int] = {}
         for k, point in enumerate(np.vstack(self._points)):
             known.setdefault(point.tobytes(), k)
         return np.array([known[point.tobytes()] for point in points], dtype=np.intp)
 
     def broken_limits(self, rows: NDArray[np.intp]) -> NDArray[np.bool_]:
-        """(N, L) whether runs break each of the limits."""
+        """(N, L) whether each run breaks each limit."""
         return np.asarray(np.vstack(self._each)[rows] <= 0.0)
 
     def likeliest_failure(self) -> tuple[int, float]:
-        """Number of the likeliest failed run, and distance."""
+        """Number and distance of the likeliest failed run."""
         g, size = np.vstack(self._each).min(axis=1), np.linalg.norm(np.vstack(self._points), axis=1)
         ok = np.isfinite(g) if np.isfinite(g[g <= 0.0]).any() else np.ones(len(g), dtype=bool)
         at = int(np.argmin(np.where((g <= 0.0) & ok, size, np.inf)))
@@ -174,13 +169,13 @@ def estimate_risk(
     Args:
         source: the study file, with noise factors and `[[limits]]` on metrics.
         out: the folder; made if there is none.
-        drive: file or example, beside which the study's own is estimated; None is that alone.
-        progress: True shows a bar for each batch; see `StudySession.evaluate`.
+        drive: file or example, estimated beside the study's own; None is that alone.
+        progress: True shows a bar; see `StudySession.evaluate`.
         report: called with lines before and after each batch.
 
     Raises:
         StudyError: an error of the study, another study's folder, or failures too unlikely.
-        KeyboardInterrupt: the user stopped it; what is done stays.
+        KeyboardInterrupt: what is done stays.
     """
     say = report or (lambda line: None)
     machine: dict[str, Any] = {"workers": workers, "memory": memory}
@@ -202,7 +197,7 @@ def estimate_risk(
 def _estimate_drive_risk(
     bench: StudySession, name: str, machine: Mapping[str, Any], progress: Progress, say: Callable[[str], object]
 ) -> None:
-    """Estimates a drive's risk, and writes it down."""
+    """Estimates a drive's risk into its folder."""
     source, study, settings = bench.source, bench.study, bench.study.risk or Risk()
     if not study.noise_names:
         raise StudyError(f'{source}: factors: none is noise; risk needs at least one of kind "noise"')
@@ -228,7 +223,7 @@ def _estimate_drive_risk(
 
 
 def _risk_data(margins: LimitMargins, study: Study, settings: Risk) -> dict[str, Any]:
-    """Risk estimates and design points, as data."""
+    """Risk estimates and design points as data of `SUMMARY_FILE`."""
     subset = subset_simulation(margins, noise_dimensions(study), settings.count, settings.repeats, settings.seed)
     mixture = fit_mixture(subset.failed)
     sampled: FailureEstimate | str
@@ -251,7 +246,7 @@ def _risk_data(margins: LimitMargins, study: Study, settings: Risk) -> dict[str,
         )
     ]
     variant, distance = margins.likeliest_failure()
-    joint = joint_estimate(subset, sampled)
+    joint = combined_estimate(subset, sampled)
     return {
         "joint": _data_from_estimate(joint),
         "subset": _data_from_estimate(subset),
@@ -267,7 +262,7 @@ def _risk_data(margins: LimitMargins, study: Study, settings: Risk) -> dict[str,
 def _limit_shares(
     margins: LimitMargins, subset: FailureEstimate, mixture: FailureMixture, sampled: FailureEstimate | str
 ) -> list[tuple[LimitEnd, float]]:
-    """Part of the failures that break each limit."""
+    """Share of the failures that break each limit."""
     by_weight = not isinstance(sampled, str)
     failed = np.vstack(sampled.failed if not isinstance(sampled, str) else subset.failed)
     weights = mixture.importance_weights(failed) if by_weight else np.ones(len(failed))
@@ -288,7 +283,7 @@ def _estimate_from_data(found: Any) -> FailureEstimate | str:
 
 
 def read_risk(folder: str | os.PathLike[str]) -> RiskEstimate:
-    """Risk estimate read from a folder.
+    """Risk estimate read from its folder.
 
     Raises:
         StudyError: it is not done, or damaged.

@@ -1,7 +1,4 @@
-"""A study to work with in Python: its rows as drives, its rows run in rounds, its surrogates and search.
-
-Each drive is run once: a row is known by its drive's content and by what else decides its metrics.
-"""
+"""A study to work with in Python: its rows as drives, its rows run in rounds, its surrogates and search."""
 
 from __future__ import annotations
 
@@ -51,17 +48,17 @@ Rows = Sequence[Mapping[str, Any]]
 
 
 def round_folder_name(number: int) -> str:
-    """Name of a round's folder in the search's."""
+    """Name of a round's folder in a session's."""
     return f"rounds/{number:04d}"
 
 
 def round_table_path(folder: Path, number: int) -> Path:
-    """Path of the table of a finished round."""
+    """Path of a finished round's table."""
     return folder / round_folder_name(number) / "rows.parquet"
 
 
 def finished_round_count(folder: Path) -> int:
-    """Number of rounds that are done, from the first on."""
+    """Number of finished rounds, from the first on."""
     number = 0
     while round_table_path(folder, number).exists():
         number += 1
@@ -69,7 +66,7 @@ def finished_round_count(folder: Path) -> int:
 
 
 def read_rounds(folder: Path, rounds: int) -> pa.Table:
-    """Table of the rows of the first rounds."""
+    """Table of rows of the first `rounds` rounds."""
     import pyarrow as pa
 
     tables = []
@@ -87,11 +84,11 @@ def read_rounds(folder: Path, rounds: int) -> pa.Table:
 
 
 class StudySession:
-    """Study session for Python: rows as drives, runs, surrogates, search.
+    """Session of a study in Python: drives, runs, surrogates, search.
 
     Args:
         folder: of rounds; None keeps rows in memory only.
-        drive: another base drive's file or example; None is the study's own.
+        drive: another base drive's file or example.
         search_target: such as "failures", if rows are no sample of the noise.
 
     Raises:
@@ -123,15 +120,15 @@ class StudySession:
         return self._rows_with_today(make_design(self.study, self.source).select(self.factor_names).to_pylist())
 
     def _rows_with_today(self, rows: Rows) -> list[dict[str, Any]]:
-        """Design rows with those of today's design, if wanted."""
+        """Rows of a study with today's design, if wanted."""
         return rows_with_today(self.study, self.drive, rows, self.source)
 
     @check_arguments(StudyError)
     def drives(self, rows: Rows) -> list[Drive]:
-        """Drives of a study's rows, adjusted so that they fit.
+        """Drives of a study's rows, adjusted to fit.
 
         Raises:
-            StudyError: a line for each row that gives no drive.
+            StudyError: a line for each row without a drive.
         """
         variants = self._built_variants(design_table_of_rows(self.study, rows))
         lines = [f"rows: row {i}: {variant.reason}" for i, variant in enumerate(variants) if variant.drive is None]
@@ -147,7 +144,7 @@ class StudySession:
 
     @check_arguments(StudyError)
     def row_digests(self, design: pa.Table) -> list[str | None]:
-        """Digests of design rows by drive and settings, or None."""
+        """Digest of each row's drive and settings, or None."""
         by = {"warpchain": installed_version()} | ({"plugins": words} if (words := plugin_words()) else {})
         common = json.dumps({**run_settings_of(self.study), **by}, sort_keys=True)
         texts = [None if v.drive is None else dumps_drive(v.drive) for v in self._built_variants(design)]
@@ -158,12 +155,11 @@ class StudySession:
         """Table of results of study rows, run if new.
 
         Args:
-            rows: values by factor.
             progress: True shows a bar; a function is called as that of `run_study`.
 
         Raises:
             StudyError: a factor is missing, or a folder or disk that refuses.
-            KeyboardInterrupt: the user stopped it; what is done stays in the folder.
+            KeyboardInterrupt: what is done stays in the folder.
         """
         if self.folder is not None:
             return self.run_round(finished_round_count(self.folder), rows, progress)
@@ -172,7 +168,7 @@ class StudySession:
 
     @check_arguments(StudyError)
     def run_round(self, number: Index, rows: Rows, progress: Progress = False) -> pa.Table:
-        """Table of study rows, run as a round or read."""
+        """Table of results of a round, run or read."""
         assert self.folder is not None  # who asks for rounds has one
         name, done = round_folder_name(number), round_table_path(self.folder, number)
         place, design = self.folder / name, self._design_with_target(design_table_of_rows(self.study, rows))
@@ -189,7 +185,7 @@ class StudySession:
         return table
 
     def _design_with_target(self, design: pa.Table) -> pa.Table:
-        """Design table whose noise factors' metadata state the search target."""
+        """Design table that states its search target."""
         import pyarrow as pa
 
         if not self._search_target:
@@ -205,7 +201,7 @@ class StudySession:
     def _run_new_rows(
         self, place: Path, prefix: str, design: pa.Table, progress: Progress, before: int = 0
     ) -> pa.Table:
-        """Table of a design's rows, new ones run and recorded."""
+        """Table of results of a design, new rows run."""
         import pyarrow as pa
 
         digests = self.row_digests(design)
@@ -226,7 +222,7 @@ class StudySession:
         return _rows_with_factors(found, design, self.factor_names)
 
     def _simulated_table(self, place: Path, prefix: str, design: pa.Table, progress: Progress) -> pa.Table:
-        """Table of a design's rows simulated in a folder."""
+        """Table of results of a design, all rows simulated."""
         folder = self.make_run_folder(self.study, place, design)
         if folder.read_design().drop_columns(["variant"]) != design.drop_columns(["variant"]):
             raise StudyError(f"{place}: has other rows than this study asks for in that round; give another folder")
@@ -240,7 +236,7 @@ class StudySession:
 
     @check_arguments(StudyError)
     def make_run_folder(self, study: Study, place: Path, design: pa.Table) -> StudyFolder:
-        """Study folder made for rows to run."""
+        """Study folder made to run a design's rows."""
         runs, cores = design.num_rows * study.design.copies, self._workers or available_cores()
         size = study.run.shard or preferred_shard_size(study, self.drive, runs, 1, cores, self._memory)
         return make_folder(place, study, self.drive, design, size)
@@ -263,7 +259,7 @@ class StudySession:
 
     @check_arguments(StudyError)
     def learn_rows(self, folder: str | os.PathLike[str]) -> int:
-        """Adds rows that another study has run; returns their number."""
+        """Adds another study's rows to those known; returns their number."""
         import pyarrow as pa
 
         path = Path(folder)
@@ -294,12 +290,12 @@ class StudySession:
 
     @property
     def shown_factors(self) -> list[str]:
-        """Names of the study's factors without hidden ones."""
+        """Names of the study's factors, hidden ones left out."""
         return [factor.name for factor in self.study.factors if not factor.hidden]
 
     @check_arguments(StudyError)
     def remember_rows(self, table: pa.Table) -> None:
-        """Adds a table's rows to those known as run."""
+        """Adds a table's rows to those known."""
         for k, digest in enumerate(table[DIGEST_COLUMN].to_pylist()):
             if digest is not None:
                 self._known.setdefault(digest, (table, k))
@@ -307,7 +303,7 @@ class StudySession:
     # ------------------------------------------------------------------------------- what follows from rows
 
     def results(self) -> Results:
-        """Results of all rounds of the session's folder."""
+        """Results of all rounds in the session's folder."""
         if self.folder is None:
             raise StudyError("results: this study was opened without a folder")
         rounds = finished_round_count(self.folder)
@@ -319,7 +315,7 @@ class StudySession:
     def surrogate(
         self, metric: str, kind: Literal["gaussian", "quadratic"] = "gaussian", logarithm: bool = False
     ) -> Surrogate:
-        """Surrogate of a metric over known rows, as `fit_surrogate`."""
+        """Surrogate of a metric over known rows; see `fit_surrogate`."""
         return fit_surrogate(self.results(), metric, kind, logarithm=logarithm)
 
     @property
@@ -331,18 +327,18 @@ class StudySession:
 
     @check_arguments(StudyError)
     def ask(self, count: Count | None = None) -> list[dict[str, Any]]:
-        """Next rows to run, with today's design first; see `Optimizer.ask`."""
+        """Next rows to run, today's design first; see `Optimizer.ask`."""
         first, rows = self.optimizer.observed_count == 0, self.optimizer.ask(count)
         return self._rows_with_today(rows) if first else rows
 
     @check_arguments(StudyError)
     def observe(self, table: pa.Table) -> None:
-        """Adds results to the search, but today's; see `Optimizer.observe`."""
+        """Adds results to the optimizer, but today's; see `Optimizer.observe`."""
         self.optimizer.observe(table.filter(~added_rows(table)))
 
 
 def _rows_with_factors(found: pa.Table, design: pa.Table, factors: Sequence[str]) -> pa.Table:
-    """Table rows with a design's factors, renumbered."""
+    """Table of known rows, with a design's factors and numbers."""
     found = found.combine_chunks()
     for name in ("variant", *factors):
         at = found.column_names.index(name)

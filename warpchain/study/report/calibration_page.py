@@ -22,11 +22,8 @@ from warpchain.study.store import write_study_text
 from warpchain.view import html
 
 UNEXPLAINED_DEVIATIONS = 3.0
-"""Standard deviations of unexplained measured numbers."""
 TRACE_POINTS, SPECTRUM_POINTS = 600, 800
-"""Most points of trace and spectrum."""
 LEAST_NAMED_WEIGHT = 0.25
-"""Least weight of unknowns named in a direction."""
 
 
 def write_calibration_page(found: Calibration) -> Path:
@@ -47,7 +44,7 @@ def write_calibration_page(found: Calibration) -> Path:
 
 
 def calibration_lines(found: Calibration) -> list[str]:
-    """Lines of text on the result of a calibration."""
+    """Lines on a calibration's result."""
     runs, ok = len(found.results.status), int(found.results.ok.sum())
     lines = [f"{len(found.numbers)} measured numbers, {len(found.values)} unknowns, {runs} runs, {ok} of them ok"]
     for name in found.values:
@@ -62,12 +59,12 @@ def _mean_and_deviation_text(found: Calibration, name: str, values: dict[str, Ar
 
 
 def _unknown_unit(found: Calibration, name: str) -> str:
-    """Unit of an unknown of the calibration."""
+    """Unit of an unknown of a calibration."""
     return found.results.column_unit(name)
 
 
 def _direction_text(found: Calibration, of: PosteriorDirection) -> str:
-    """Text of a direction: "stiffness up with damping down"."""
+    """Text of a posterior direction, "stiffness up with damping down"."""
     parts = [
         f"{name} {'up' if weight > 0.0 else 'down'}"
         for name, weight in sorted(zip(_dimension_names(found), of.weights, strict=True), key=lambda one: -abs(one[1]))
@@ -77,14 +74,14 @@ def _direction_text(found: Calibration, of: PosteriorDirection) -> str:
 
 
 def _dimension_names(found: Calibration) -> list[str]:
-    """Names of a calibration's dimensions."""
+    """Names of the unknowns that a calibration's dimensions are."""
     from warpchain.study.design.factor_values import design_dimensions
 
     return [axis.name for axis in design_dimensions(found.study.noise_study)]
 
 
 def _unidentified_lines(found: Calibration) -> list[str]:
-    """Lines on directions that the measurements do not identify."""
+    """Lines on directions that a calibration does not identify."""
     return [
         f"not identified by the measurements: {_direction_text(found, of)}, which keeps "
         f"{100.0 * min(of.left, 1.0):.0f} % of its prior standard deviation"
@@ -94,7 +91,7 @@ def _unidentified_lines(found: Calibration) -> list[str]:
 
 
 def _unexplained_lines(found: Calibration) -> list[str]:
-    """Lines on measured numbers that calibration leaves unexplained."""
+    """Lines on measured numbers that a calibration leaves unexplained."""
     return [
         f"not explained: {of.name}, {abs(off):.1f} standard deviations {'above' if off > 0 else 'below'} the expected; "
         "the model lacks something, a prior is too narrow or an error too small"
@@ -104,7 +101,7 @@ def _unexplained_lines(found: Calibration) -> list[str]:
 
 
 def _emulator_trust_lines(found: Calibration) -> list[str]:
-    """Lines on a calibration's surrogates."""
+    """Lines on trust in a calibration's surrogates."""
     inside, of = found.check_counts
     lines = [
         f"{inside} of {of} numbers of {found.checks} runs drawn from the posterior lie in the surrogates' 95 % bands",
@@ -120,7 +117,7 @@ def _emulator_trust_lines(found: Calibration) -> list[str]:
 
 
 def _calibration_summary(found: Calibration) -> html.PageSection:
-    """HTML section on a calibration in short, and its files."""
+    """HTML section with a calibration in short."""
     first, *lines = calibration_lines(found)
     files = (
         f"The drive at the posterior's means: {found.drive.name}. Samples of the unknowns: posterior.csv, which a "
@@ -132,7 +129,7 @@ def _calibration_summary(found: Calibration) -> html.PageSection:
 
 
 def _unknowns_section(found: Calibration) -> html.PageSection:
-    """HTML section on a calibration's unknowns, prior and posterior."""
+    """HTML section on a calibration's priors and posteriors."""
     rows, figures = [], []
     for k, name in enumerate(found.values):
         before, after = found.values_before[name], found.values[name]
@@ -153,7 +150,7 @@ def _unknowns_section(found: Calibration) -> html.PageSection:
 
 
 def _density_panel(label: str, before: Array, after: Array, named: bool) -> Panel:
-    """Panel of the densities of prior and posterior samples."""
+    """Panel of an unknown's prior and posterior density."""
     low, high = np.percentile(before, (0.5, 99.5))
     low, high = min(low, after.min()), max(high, after.max())
     edges = np.linspace(low, high, 41)
@@ -179,7 +176,7 @@ def _density_panel(label: str, before: Array, after: Array, named: bool) -> Pane
 
 
 def _fit_section(found: Calibration) -> html.PageSection:
-    """HTML section on measured numbers beside a calibration's."""
+    """HTML section on measured numbers beside the calibration's."""
     calibrated = found.runs[len(found.runs) - found.checks]
     models = [found.emulated(u) for u in (found.before, found.after)]
     spans = [(m.mean(axis=0), np.sqrt(v.mean(axis=0) + m.var(axis=0))) for m, v in models]
@@ -202,7 +199,7 @@ def _fit_section(found: Calibration) -> html.PageSection:
 
 
 def _fit_panel(found: Calibration, spans: Sequence[tuple[Array, Array]]) -> list[Panel]:
-    """Panels of prior and posterior deviations from measured numbers [%]."""
+    """Panels of deviations from measured numbers [%]."""
     values = np.array([of.value for of in found.numbers])
     shown = np.flatnonzero(values)
     if not len(shown):
@@ -223,7 +220,7 @@ def _fit_panel(found: Calibration, spans: Sequence[tuple[Array, Array]]) -> list
 
 
 def _signal_sections(found: Calibration) -> list[html.PageSection]:
-    """HTML sections on measured and simulated signals."""
+    """HTML sections on signals, measured and simulated."""
     if not found.signals:
         return []
     results = found.results
@@ -286,7 +283,7 @@ def _signal_panels(label: str, rig: tuple[Array, Array], runs: Sequence[tuple[Ar
 
 
 def _thinned_spectrum(lines: Array, size: Array, most: float) -> tuple[Array, Array]:
-    """Spectrum of at most `SPECTRUM_POINTS` points, largest ones kept."""
+    """Frequencies and amplitudes of a signal's largest lines."""
     lines, size = lines[lines <= most], size[lines <= most]
     wide = max(1, -(-len(lines) // SPECTRUM_POINTS))
     starts = np.arange(0, len(lines), wide)
@@ -294,7 +291,7 @@ def _thinned_spectrum(lines: Array, size: Array, most: float) -> tuple[Array, Ar
 
 
 def _directions_section(found: Calibration) -> html.PageSection:
-    """HTML section on directions of unknowns, the least identified first."""
+    """HTML section on posterior directions, least identified first."""
     words = [_direction_text(found, of) for of in found.directions]
     at = np.arange(len(words))[::-1]
     left = [100.0 * of.left for of in found.directions]
@@ -312,7 +309,7 @@ def _directions_section(found: Calibration) -> html.PageSection:
 
 
 def _correlated_pair_panels(found: Calibration) -> list[Panel]:
-    """Panels of posterior samples of the two most correlated unknowns."""
+    """Panels of the two most correlated unknowns' samples."""
     names = list(found.values)
     if len(names) < 2:
         return []
@@ -332,7 +329,7 @@ def _correlated_pair_panels(found: Calibration) -> list[Panel]:
 
 
 def _predictions_section(found: Calibration) -> html.PageSection | None:
-    """HTML section on metrics predicted by prior and posterior."""
+    """HTML section on metrics by prior and posterior."""
     if not found.predictions:
         return None
     rows, figures = [], []
@@ -361,7 +358,7 @@ def _predictions_section(found: Calibration) -> html.PageSection | None:
 
 
 def _rounds_section(found: Calibration) -> html.PageSection:
-    """HTML section on the posterior after each round."""
+    """HTML section on a calibration's posterior, round by round."""
     axes = _dimension_names(found)
     rows = [
         (f"{k + 1}", *(f"{m:+.2f} \N{PLUS-MINUS SIGN} {s:.2f}" for m, s in zip(mean, deviation, strict=True)))

@@ -40,16 +40,13 @@ from warpchain.view import html
 DESIGN_LETTERS = "ABCDEFGHIJKLMNOPQRSTUVWXYZ"
 STATISTIC_HEADS = ("mean", "deviation", "5 %", "median", "95 %")
 MOST_FRONT_ROWS, MOST_LISTED_ROWS = 30, 60
-"""Most variants in tables of the front, and of failures."""
 MOST_AXES, MATRIX_COLUMNS = 12, 5
-"""Columns of parallel coordinates and scatter matrix."""
 SURROGATE_NOTE = (
     "\N{PLUS-MINUS SIGN} is one standard deviation of the metric itself as a surrogate of all variants has it, or of "
     "the mean of several runs where that is known better: the best of many runs is the best partly by luck, and this "
     "takes that out."
 )
 TODAY = "today"
-"""Letter of today's design, the base drive as it is."""
 NO_TODAY_NOTE = (
     "The base drive as it is, today's design, was not run with these. With today = true in the study's [design] it is, "
     "and stands beside them."
@@ -58,7 +55,6 @@ CHANGE_HEADS = {
     True: "less today's, 95 % interval",
     False: "less today's, two standard deviations",
 }
-"""Heads of changes from today's design."""
 OVER_NOISE_NOTE = (
     "Designs are judged by their own runs, and compared in pairs of runs with the same noise. \N{PLUS-MINUS SIGN} is "
     "the standard error of a statistic over a design's runs."
@@ -67,7 +63,7 @@ OVER_NOISE_NOTE = (
 
 @dataclass(frozen=True)
 class ReportGoals:
-    """Objectives and limits of a report, and the study's folder."""
+    """Goals of a report, and the study's folder."""
 
     objectives: tuple[Objective, ...] = ()
     bounds: tuple[Bound, ...] = ()
@@ -105,7 +101,7 @@ def report_goals(results: Results, objectives: Mapping[str, str] | None, wanted:
 def variants_table_html(
     results: Results, rows: Sequence[int], columns: Sequence[str], first: Sequence[str] = ()
 ) -> str:
-    """HTML table of rows' variants with columns in suitable units."""
+    """HTML table of rows' variants, columns in suitable units."""
     axes = {name: ShownColumn(results, name, rows) for name in columns if results.is_numeric(name)}
     heads = [*([""] if first else []), "variant", *(axes[name].name if name in axes else name for name in columns)]
     lines = []
@@ -124,7 +120,7 @@ def variants_table_html(
 def recommended_section(
     results: Results, wanted: ReportGoals
 ) -> tuple[html.PageSection | None, list[RecommendedDesign]]:
-    """HTML section on recommended designs, and these."""
+    """HTML section on recommended designs, and these designs."""
     if not wanted.objectives:
         return None, []
     goals = wanted.goals
@@ -190,7 +186,7 @@ def play_command(wanted: ReportGoals, results: Results, row: int) -> str:
 def _findings_of_designs(
     results: Results, found: Sequence[RecommendedDesign], wanted: ReportGoals
 ) -> dict[str, list[str]]:
-    """Findings of `check` by design's letter; none without the study's files."""
+    """Findings of `check` by recommended design's letter."""
     if wanted.folder is None or not has_study_files(wanted.folder):
         return {}
     made = _built_designs(wanted.folder, results, found)
@@ -209,11 +205,7 @@ def _design_html(
     wanted: ReportGoals,
     findings: Sequence[str],
 ) -> str:
-    """HTML of a recommended design, or today's.
-
-    Args:
-        findings: of `check`.
-    """
+    """HTML of a recommended design, or today's, with findings of `check`."""
     lines = []
     for name in goals.named_metrics:
         mean, deviation = one.believed[name]
@@ -241,7 +233,7 @@ def _design_html(
 
 
 def change_texts(change: MetricChange | None, unit: str) -> tuple[str, str]:
-    """Texts of a change from today's design."""
+    """Texts of a change from today's design, and verdict."""
     if change is None:
         return "", ""
     sign = "+" if change.difference > 0.0 else ""
@@ -251,14 +243,14 @@ def change_texts(change: MetricChange | None, unit: str) -> tuple[str, str]:
 
 
 def factor_value_text(results: Results, name: str, row: int) -> str:
-    """Text of a factor and its value in a row."""
+    """Text of a factor's value in a row."""
     value = results.table[name][row].as_py()
     words = quantity_words(value, results.column_unit(name)) if isinstance(value, float) else str(value)
     return f"{name} {words}"
 
 
 def _statistic_lines(results: Results, one: RecommendedDesign) -> list[tuple[str, ...]]:
-    """Table lines of a design's statistics over noise."""
+    """Table lines of a recommended design's statistics over noise."""
     lines = []
     for word, head in zip(SHOWN_STATISTICS, STATISTIC_HEADS, strict=True):
         held = [(of.statistics[word], results.column_unit(f"mean({of.metric})")) for of in one.spreads]
@@ -267,7 +259,7 @@ def _statistic_lines(results: Results, one: RecommendedDesign) -> list[tuple[str
 
 
 def pareto_section(results: Results, objectives: Mapping[str, str], by_default: bool) -> html.PageSection | None:
-    """HTML section on the Pareto front, or None."""
+    """HTML section on the Pareto front."""
     if len(objectives) < 2:
         return None
     front, today = pareto_front(results, objectives), results.row_of_today
@@ -326,7 +318,7 @@ def statuses_section(results: Results, left_out: LeftOut) -> html.PageSection:
 
 
 def _lost_range_tables(left_out: LeftOut) -> list[str]:
-    """HTML tables of lost ranges."""
+    """HTML tables of ranges that lost rows."""
     found = []
     heads = ("factor", "most were lost", "there", "elsewhere", "")
     for parts, words in ((left_out.lost_parts, "left out by their results"), (left_out.unbuilt_parts, "not built")):
@@ -356,12 +348,7 @@ def explorer_data(
     wanted: ReportGoals,
     recommended: Sequence[RecommendedDesign],
 ) -> dict[str, Any]:
-    """Data of rows for a report's interactive views.
-
-    Args:
-        telling: factors that matter most, first.
-        wanted: limits to begin with, and the study's folder.
-    """
+    """Data of rows for a report's interactive views, `telling` factors first."""
     bounds = wanted.bounds
     names = tuple(dict.fromkeys((*results.factors, *objectives, *(b.metric for b in bounds), *metrics)))
     axes = {name: ShownColumn(results, name) for name in names}
@@ -412,12 +399,12 @@ def _archive_cells(results: Results) -> list[list[Any] | None] | None:
 
 
 def has_study_files(folder: str | None) -> bool:
-    """Whether a folder holds what drive files of rows need."""
+    """Whether a folder holds what rows' drive files need."""
     return folder is not None and all((Path(folder) / name).is_file() for name in ("study.toml", "drive.toml"))
 
 
 def _built_designs(folder: str | Path, designs: Results, chosen: Sequence[RecommendedDesign]) -> list[Variant]:
-    """Recommended designs of a study's folder with their drives."""
+    """Variants of recommended designs with their drives."""
     study, drive = load_study(Path(folder) / "study.toml"), load_drive(Path(folder) / "drive.toml")
     made = [Variant(row) for row in rows_of_recommended(study, drive, designs, chosen)]
     build_drives(study, drive, made)
@@ -427,14 +414,14 @@ def _built_designs(folder: str | Path, designs: Results, chosen: Sequence[Recomm
 def write_recommended_drives(
     folder: str | Path, page: Path, designs: Results, chosen: Sequence[RecommendedDesign]
 ) -> list[Path]:
-    """Writes recommended designs as drive files; returns these.
+    """Writes drive files of recommended designs; returns their paths.
 
     Args:
         folder: the study's, with study file and base drive.
         designs: rows that were compared, or designs over noise.
 
     Raises:
-        StudyError: a row that gives no drive, or a folder that cannot be written.
+        StudyError: a row without a drive, or a folder that refuses.
     """
     if not chosen:
         return []

@@ -1,7 +1,6 @@
 """Panels, figures of a study as data, and the HTML page whose script draws them.
 
-A panel is a mapping: `title`, `x` and `y` (each with `label`, `words` or `range`), and `series` of a `kind` that
-`page.js` draws.
+A panel has `title`, `x` and `y` (each with `label`, `words` or `range`), and `series` of a `kind` that `page.js` draws.
 """
 
 from __future__ import annotations
@@ -42,7 +41,7 @@ def report_page_html(
     rows: Mapping[str, Any] | None = None,
     about: Sequence[str] = (),
 ) -> str:
-    """HTML document of a report with sections, data and script; `about` is what it is of."""
+    """HTML document of a report: sections, data, script."""
     style, script = (read_text_file(_FOLDER / name, "text", StudyError) for name in ("page.css", "page.js"))
     end = (
         f'<div id="tip"></div>\n<script type="application/json" id="report-data">{json_script_text(rows)}</script>\n'
@@ -52,13 +51,13 @@ def report_page_html(
 
 
 def json_script_text(values: Any) -> str:
-    """JSON of values for a script element."""
+    """JSON text of values for an HTML script element."""
     text = json.dumps(values, separators=(",", ":"), ensure_ascii=False, allow_nan=False)
     return text.replace("<", "\\u003c")
 
 
 def panels_html(panels: Sequence[Mapping[str, Any]], words: str) -> str:
-    """HTML with the data of panels, named by `words`."""
+    """HTML of panels' data, with a label."""
     if not panels:
         return ""
     inside = f'<script type="application/json">{json_script_text(panels)}</script>'
@@ -66,22 +65,22 @@ def panels_html(panels: Sequence[Mapping[str, Any]], words: str) -> str:
 
 
 def hint_html(words: str) -> str:
-    """HTML of a hint on using the page, not printed."""
+    """HTML of a report's hint, not printed."""
     return f'<p class="muted screen">{escape(words)}</p>'
 
 
 def placeholder_html(name: str, words: str = "") -> str:
-    """HTML of an empty place that the page's script fills."""
+    """HTML of a place that a report's script fills."""
     return f'<div id="{escape(name)}" aria-label="{escape(words)}"></div>'
 
 
 def rounded_numbers(values: Any, digits: int = 5) -> list[float | None]:
-    """Numbers rounded to significant digits, None if not finite."""
+    """Panel's numbers to significant digits, None if not finite."""
     return [float(f"{v:.{digits}g}") if math.isfinite(v) else None for v in np.asarray(values, dtype=float).tolist()]
 
 
 class ShownColumn:
-    """Results column as shown, in a suitable unit and decimals.
+    """Results column in panels, its unit and decimals.
 
     Args:
         rows: that are shown; None takes all, of a metric those that are ok.
@@ -102,17 +101,17 @@ class ShownColumn:
         self.name = f"{column} [{self.unit}]" if self.unit else column
 
     def shown_values(self, values: Any) -> list[float | None]:
-        """SI values in the shown unit."""
+        """Values in the shown unit from SI values, rounded."""
         shown = np.asarray(values, dtype=float) * self.factor
         largest = float(np.abs(shown[np.isfinite(shown)]).max(initial=0.0))
         return rounded_numbers(shown, max(5, html.significant_digits(largest, self.decimals)))
 
     def value_text(self, value: float) -> str:
-        """Text of an SI value, without unit, for a table."""
+        """Text of an SI value in the shown unit."""
         return html.column_number(self.factor * value, self.decimals)
 
     def group_text(self, label: str) -> str:
-        """Text of an effect's group, "8 to 10"."""
+        """Text of a factor group in the shown unit, "8 to 10"."""
         ends = [f"{self.factor * float(end):.4g}" for end in label.split(" to ")]
         return f"{' to '.join(ends)} {self.unit}".rstrip()
 
@@ -140,7 +139,7 @@ def histogram_panels(results: Results, metrics: Sequence[str]) -> list[Panel]:
 
 
 def noise_panels(designs: Designs, chosen: Sequence[int], letters: Sequence[str]) -> list[Panel]:
-    """Panels of designs' runs over noise, for each metric."""
+    """Panels of designs' runs over noise, one a metric."""
     panels = []
     for k, metric in enumerate(dict.fromkeys(name[5:-1] for name in designs.metrics if name.startswith("mean("))):
         axis, x = ShownColumn(designs.runs, metric), np.arange(len(chosen))
@@ -176,11 +175,7 @@ def noise_panels(designs: Designs, chosen: Sequence[int], letters: Sequence[str]
 def effect_panels(
     results: Results, metric: str, found: Sequence[Effect], medians: Sequence[MedianEffect], shares: bool
 ) -> list[Panel]:
-    """Panels of a metric's means and medians by factor groups.
-
-    Args:
-        shares: whether to say what part of the variance each factor explains.
-    """
+    """Panels of a metric's means and medians over factor groups."""
     axis = ShownColumn(results, metric)
     shown = list(found)[:8]
     bars = [2.0 * np.nan_to_num(effect.errors) for effect in shown]
@@ -236,12 +231,7 @@ def effect_panels(
 def interaction_panels(
     results: Results, metric: str, found: Sequence[Effect], together: Sequence[Interaction]
 ) -> list[Panel]:
-    """Panels of a metric's means over two factors.
-
-    Args:
-        found: main effects, whose first three factors are drawn.
-        together: pairs drawn before these.
-    """
+    """Panels of a metric's means over two factors."""
     axis, panels = ShownColumn(results, metric), []
     factors = [effect.factor for effect in found if results.is_numeric(effect.factor)]
     pairs = [(one.first, one.second) for one in together if {one.first, one.second} <= set(factors)]
@@ -281,7 +271,7 @@ def interaction_panels(
 def variance_share_panels(
     metrics: Sequence[str], shares: Sequence[float], chances: Sequence[float | None]
 ) -> list[Panel]:
-    """Panels of the parts of each metric's variance."""
+    """Panels of the parts of metrics' variance."""
     at = np.arange(len(metrics))[::-1]
     by_factors = np.clip(shares, 0.0, 1.0)
     chance = np.array([chance or 0.0 for chance in chances])
@@ -328,7 +318,7 @@ def correlation_panels(both: Correlation) -> list[Panel]:
 
 
 def _middle_row(results: Results, surrogate: Surrogate) -> dict[str, Any]:
-    """Row midway in numeric factors, with the most frequent words."""
+    """Row midway in factors, for a surrogate's cuts."""
     row: dict[str, Any] = {}
     for name in surrogate.factors:
         if results.is_numeric(name):
@@ -341,13 +331,13 @@ def _middle_row(results: Results, surrogate: Surrogate) -> dict[str, Any]:
 
 
 def _dot_rows(rows: NDArray[np.bool_]) -> NDArray[np.intp]:
-    """At most `MOST_DOTS` of the rows, evenly spaced."""
+    """Numbers of rows that a panel's dots show, evenly spaced."""
     held = np.flatnonzero(rows)
     return held[np.unique(np.linspace(0, len(held) - 1, min(len(held), MOST_DOTS)).astype(int))] if len(held) else held
 
 
 def surrogate_panels(results: Results, found: Surrogate, checked: CrossValidation) -> list[Panel]:
-    """Panels of a surrogate's cuts along factors, and its cross-validation."""
+    """Panels of a surrogate's cuts and cross-validation."""
     axis, middle = ShownColumn(results, found.metric), _middle_row(results, found)
     cuts: list[tuple[float, Panel]] = []
     dots = _dot_rows(results.usable_rows(found.metric))
@@ -403,7 +393,7 @@ def surrogate_panels(results: Results, found: Surrogate, checked: CrossValidatio
 
 
 def _cross_validation_panel(axis: ShownColumn, checked: CrossValidation) -> Panel:
-    """Panel of a surrogate's cross-validation."""
+    """Panel of a surrogate's predictions over simulated values."""
     some = _dot_rows(np.ones(len(checked.observed), dtype=bool))
     observed, predicted, deviation = (v[some] for v in (checked.observed, checked.predicted, checked.deviation))
     ends = axis.shown_values([min(observed.min(), predicted.min()), max(observed.max(), predicted.max())])

@@ -36,7 +36,6 @@ if TYPE_CHECKING:
     import rerun.blueprint as rrb
 
 PLAYBACK_FRAMES = 400
-"""Frames of a recorded variant in a study's scene."""
 
 
 def view_study(
@@ -52,8 +51,8 @@ def view_study(
     Args:
         recorded: trajectories to play, by variant.
         factors, metrics: across and up the scatters; none takes the telling ones.
-        objectives: "min" or "max" by metric; drawn with the best or the Pareto front marked.
-        save: file (.rrd) to write instead of opening the viewer.
+        objectives: "min" or "max" by metric; the best or the Pareto front is marked.
+        save: file (.rrd) to write instead.
 
     Raises:
         StudyError: an unknown column, nothing to draw, a file that cannot be written.
@@ -81,7 +80,7 @@ def log_study(
     metrics: Sequence[str] = (),
     objectives: Mapping[str, str] | None = None,
 ) -> rrb.Blueprint:
-    """Logs a study to Rerun; returns the blueprint."""
+    """Logs a study to Rerun; returns the viewer's layout."""
     import rerun.blueprint as rrb
 
     charts, columns = log_study_scatters(stream, results, list(recorded), factors, metrics, objectives)
@@ -121,7 +120,7 @@ def log_study_scatters(
     metrics: Sequence[str] = (),
     objectives: Mapping[str, str] | None = None,
 ) -> tuple[list[Chart], int]:
-    """Logs scatters of a study to Rerun; returns charts."""
+    """Logs scatters of a study to Rerun; returns charts and number of columns."""
     wanted = tuple(objectives or ())
     set_ones = [name for name in wanted if name in results.factors]
     across = tuple(dict.fromkeys((*set_ones, *(tuple(factors) or _telling_inputs(results)))))
@@ -155,7 +154,7 @@ def log_study_scatters(
 
 
 def _telling_inputs(results: Results) -> tuple[str, ...]:
-    """Names of the numeric factors that explain most."""
+    """Names of numeric factors that explain most, for scatters."""
     from warpchain.study.analysis import main_effects
     from warpchain.study.analysis.left_out import LeftOut
 

@@ -1,4 +1,4 @@
-"""HTML page of a risk estimate: probability of failure and its interval, what fails, how, over which noise."""
+"""HTML page of a risk estimate: probability of failure, what fails, how, over which noise."""
 
 from __future__ import annotations
 
@@ -30,7 +30,6 @@ PAGE_FILE = "risk.html"
 SUBSET_NAME = "subset simulation"
 MOST_RUN_DOTS = 1500
 LEAST_SHARE = 0.001
-"""Least part of failures of a named limit."""
 
 
 def write_risk_page(found: RiskEstimate, page: str | Path | None = None, title: str | None = None) -> Path:
@@ -44,7 +43,7 @@ def write_risk_page(found: RiskEstimate, page: str | Path | None = None, title: 
 
 
 def risk_lines(found: RiskEstimate) -> list[str]:
-    """Lines of text on a risk estimate."""
+    """Lines on a risk estimate."""
     results, row = found.results, _row_of_variant(found, found.variant)
     held = _named_values(found, row, [name for name in results.factors if name not in results.noise_factors])
     at = f", at {', '.join(f'{name} = {value}' for name, value in held)}" if held else ""
@@ -69,7 +68,7 @@ def risk_lines(found: RiskEstimate) -> list[str]:
 
 
 def today_lines(found: RiskEstimate) -> list[str]:
-    """Lines of text on today's design's risk beside a drive's."""
+    """Lines on a risk beside today's design."""
     if found.today is None:
         return []
     verdict = {
@@ -85,7 +84,7 @@ def today_lines(found: RiskEstimate) -> list[str]:
 
 
 def risk_warning_lines(found: RiskEstimate) -> list[str]:
-    """Lines of text on a risk's uncertainty beyond its interval."""
+    """Lines on what a risk's interval does not cover."""
     lines = []
     if isinstance(found.sampled, str) and not isinstance(found.joint, str):
         lines.append("LOOK AT: only subset simulation tells the probability; importance sampling does not check it")
@@ -99,7 +98,7 @@ def risk_warning_lines(found: RiskEstimate) -> list[str]:
 
 
 def _headline_text(found: RiskEstimate) -> str:
-    """Text of the probability of failure to state."""
+    """Text of a risk's probability of failure, as headline."""
     if isinstance(found.joint, str):
         return f"probability of failure: {found.joint}"
     by = SUBSET_NAME if isinstance(found.sampled, str) else "importance sampling"
@@ -107,35 +106,35 @@ def _headline_text(found: RiskEstimate) -> str:
 
 
 def _estimate_text(of: FailureEstimate, runs: bool = True) -> str:
-    """Text of a probability of failure, with interval."""
+    """Text of a probability of failure, with its interval."""
     words = f"{of.probability:.2g}, {of.low:.2g} to {of.high:.2g} with 95 % confidence"
     return f"{words}, {of.evaluations} runs" if runs else words
 
 
 def _named_estimates(found: RiskEstimate) -> tuple[tuple[str, FailureEstimate | str], ...]:
-    """Risk estimates by subset simulation and importance sampling, with names."""
+    """Names and risk estimates of both methods."""
     return ((SUBSET_NAME, found.subset), ("importance sampling", found.sampled))
 
 
 def _stated_estimates(found: RiskEstimate) -> tuple[tuple[str, FailureEstimate | str], ...]:
-    """Risk estimates to state, of drive and today's design, named."""
+    """Names and risk estimates of drive and today's design."""
     beside = () if found.today is None else ((f"today's design, {found.today.drive}", found.today.joint),)
     return ((f"stated: {found.drive}", found.joint), *beside)
 
 
 def _row_of_variant(found: RiskEstimate, variant: int) -> int:
-    """Row of a variant in the risk's results."""
+    """Row of a variant in a risk's results."""
     return found.results.variants.tolist().index(variant)
 
 
 def _named_values(found: RiskEstimate, row: int, names: Any) -> list[tuple[str, str]]:
-    """Names and values with units of factors in a row."""
+    """Names and values of factors in a risk's run."""
     cells = [(name, found.results.table[name][row].as_py()) for name in names]
     return [(n, quantity_words(v, found.results.column_unit(n)) if isinstance(v, float) else str(v)) for n, v in cells]
 
 
 def _limit_texts(found: RiskEstimate) -> list[str]:
-    """Texts of the study's limits: "tension_max at most 900 N"."""
+    """Texts of limits at risk, "tension_max at most 900 N"."""
     lines = []
     for bound in found.study.bounds:
         ends = [(word, end) for word, end in (("at least", bound.min), ("at most", bound.max)) if end is not None]
@@ -147,19 +146,19 @@ def _limit_texts(found: RiskEstimate) -> list[str]:
 
 
 def _failure_text(limit: LimitEnd) -> str:
-    """Text of a broken limit."""
+    """Text of a limit that failures break."""
     metric, end = limit
     return "run not ok" if limit == NOT_OK_LIMIT else f"{metric} {'above its max' if end == 'max' else 'below its min'}"
 
 
 def _frequent_failures(found: RiskEstimate) -> list[tuple[LimitEnd, float]]:
-    """Limits that failures break, with shares, the most frequent first."""
+    """Limits that failures break, with shares, most frequent first."""
     seen = [(limit, share) for limit, share in found.shares.items() if share >= LEAST_SHARE]
     return sorted(seen, key=lambda one: -one[1])
 
 
 def _failures_text(found: RiskEstimate) -> str:
-    """Text of the limits that failures break, with shares."""
+    """Text of limits that failures break, with shares."""
     return "; ".join(
         f"{_failure_text(limit)} in {100.0 * share:.3g} % of failures" for limit, share in _frequent_failures(found)
     )
@@ -210,7 +209,7 @@ def _estimate_cells(of: FailureEstimate) -> tuple[str, str, str, str]:
 
 
 def _interval_panels(found: RiskEstimate) -> list[Panel]:
-    """Panels of risk intervals over the logarithm of probability."""
+    """Panels of risks' intervals over log probability."""
     named = (*_named_estimates(found), *_stated_estimates(found)[1:])
     known = [(way, of) for way, of in named if not isinstance(of, str)][::-1]
     low, middle, high = (
@@ -248,7 +247,7 @@ def _failures_section(found: RiskEstimate) -> html.PageSection:
 
 
 def _design_point_html(found: RiskEstimate, point: DesignPoint) -> list[str]:
-    """HTML of a design point: distance, noise and metrics there."""
+    """HTML of a design point: distance, noise, metrics."""
     results, row = found.results, _row_of_variant(found, point.variant)
     first = ", ".join(_failure_text(limit) for limit in point.broken)
     members = {of.name: of.group or of.name for of in found.study.noise_study.factors}
@@ -273,7 +272,7 @@ def _design_point_html(found: RiskEstimate, point: DesignPoint) -> list[str]:
 
 
 def _failure_panels(found: RiskEstimate) -> list[Panel]:
-    """Panels of failed and other runs over two noise factors."""
+    """Panels of failed and other runs over noise factors."""
     results, sizes = found.results, found.points[0].deviations
     members = {of.name: of.group or of.name for of in found.study.noise_study.factors}
     numeric = [name for name in members if name in results.numeric_factors() and members[name] in sizes]
@@ -303,7 +302,7 @@ def _failure_panels(found: RiskEstimate) -> list[Panel]:
 
 
 def _noise_section(found: RiskEstimate) -> html.PageSection:
-    """HTML section on a risk's noise: distributions, correlations, held values."""
+    """HTML section on a risk's noise and held values."""
     results, noise = found.results, found.study.noise
     factors = [of for of in found.study.factors if of.name in found.study.noise_names]
     rows = [
@@ -335,14 +334,14 @@ def _noise_section(found: RiskEstimate) -> html.PageSection:
 
 
 def _target_text(factor: Factor) -> str:
-    """Text of the places that a factor sets."""
+    """Text of drive values that a noise factor sets."""
     paths = ", ".join(path for _, path in factor.target_paths()) or factor.shift or factor.expression or ""
     way = "times " if factor.relative else "added to " if factor.offset else "moves " if factor.shift else ""
     return way + paths
 
 
 def _distribution_text(factor: Factor, unit: str) -> str:
-    """Text of a factor's distribution, with units."""
+    """Text of a noise factor's distribution, with units."""
     if factor.value_source == "expression":
         return "follows other factors"
     words = [factor.value_source or "as the table of rows has it"]

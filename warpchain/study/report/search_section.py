@@ -1,4 +1,4 @@
-"""Section of a study's report on a search: best values over the evaluations, and places that were sampled."""
+"""Section of a study's report on a search: best values over evaluations, and sampled places."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ KEEPING_NOTE = " and keep the limits as they were measured; pale dots do not."
 def search_section(
     results: Results, wanted: ReportGoals, recommended: Sequence[RecommendedDesign]
 ) -> html.PageSection | None:
-    """HTML section on the course of a search, or None."""
+    """HTML section on the course of a search."""
     if not wanted.objectives or ROUND_COLUMN not in results.table.column_names:
         return None
     measured, rounds = wanted.goals.goal_values(results), results.values(ROUND_COLUMN)
@@ -126,7 +126,7 @@ def _factor_panel(results: Results, name: str, rounds: np.ndarray, chosen: np.nd
 
 
 def _dots_series(x: np.ndarray, y: list[float | None], color: str, label: str) -> dict[str, Any]:
-    """Series of dots of a panel, larger if marked."""
+    """Series of a search's dots in a panel."""
     size = 3.4 if color == MARK else 2.2
     return {"kind": "points", "x": x.tolist(), "y": y, "color": color, "size": size} | (
         {"label": label} if label else {}

@@ -61,14 +61,13 @@ TELLING_METRICS = (
     "tension_mean",
     "tension_std",
 )
-"""Metrics that a report shows if none are named."""
 MOST_SHOWN_METRICS = 6
 MOST_NAMED_PAIRS = 3
 EXTREME_VARIANTS = 3
 
 
 def telling_metrics(results: Results) -> tuple[str, ...]:
-    """Names of metrics to show: `TELLING_METRICS`, then others that vary."""
+    """Names of metrics that a report shows by default."""
     enough = results.ok.sum() / 2
     varying = [m for m in results.varying_metrics() if results.usable_rows(m).sum() > enough]
     ordered = [m for pattern in TELLING_METRICS for m in varying if _is_of_pattern(m, pattern)] + list(varying)
@@ -76,7 +75,7 @@ def telling_metrics(results: Results) -> tuple[str, ...]:
 
 
 def _is_of_pattern(metric: str, pattern: str) -> bool:
-    """Whether a metric matches a pattern of `TELLING_METRICS`."""
+    """Whether a metric's name matches one of `TELLING_METRICS`."""
     of_chain = "*" not in pattern and "->" not in metric
     return fnmatch(metric, pattern) or (of_chain and fnmatch(metric, f"*.{pattern}"))
 
@@ -93,7 +92,7 @@ def study_report_html(
 
     Args:
         metrics: to show; none takes the objectives and the telling ones.
-        objectives: "min" or "max" by metric, for the Pareto front; None takes those of `wanted`.
+        objectives: "min" or "max" by metric; None takes those of `wanted`.
         notes: further lines about the study, by name.
         wanted: objectives and limits of the study file, and its folder.
 
@@ -112,7 +111,7 @@ def _report_parts(
     wanted: ReportGoals | None,
     about: Sequence[str] = (),
 ) -> tuple[str, Results, list[RecommendedDesign]]:
-    """HTML report of a study, rows compared, and recommended designs."""
+    """HTML report of a study, compared rows, recommended designs."""
     if not results.table.num_rows:
         raise StudyError("the study has no variant yet: nothing to report")
     for metric in metrics:
@@ -184,7 +183,7 @@ def _report_parts(
 
 
 def _sample_note(results: Results, sample: Results) -> str:
-    """Sentences on the rows of distributions and effects."""
+    """Note on the rows that a report's statistics cover."""
     some, today = len(sample.status), int(added_rows(results.table).sum())
     crowded = len(results.status) - some - today
     if not crowded + today:
@@ -206,7 +205,7 @@ EXPLORE_HINT = (
 
 
 def _telling_factors(effects: Mapping[str, list[Effect]]) -> list[str]:
-    """Names of factors by the largest part that they explain."""
+    """Names of factors, those that explain most first."""
     weight: dict[str, float] = {}
     for found in effects.values():
         for effect in found:
@@ -217,7 +216,7 @@ def _telling_factors(effects: Mapping[str, list[Effect]]) -> list[str]:
 MetricAnalyses: TypeAlias = (
     "tuple[Mapping[str, list[Effect]], Mapping[str, list[Interaction]], Mapping[str, float | None], frozenset[str]]"
 )
-"""Effects, interactions and scatter share by metric, and unranked metrics."""
+"""Effects, interactions and scatter by metric, and unranked metrics."""
 
 
 def _ordered_effects(results: Results, metric: str, ranked: bool) -> list[Effect]:
@@ -227,14 +226,14 @@ def _ordered_effects(results: Results, metric: str, ranked: bool) -> list[Effect
 
 
 def _left_out_note(left_out: LeftOut, unranked: frozenset[str]) -> str:
-    """HTML line on rows that figures leave out."""
+    """HTML line on rows that a report leaves out."""
     return html.paragraph_html(f"{left_out.rest_text()}: see How the variants ended.") if unranked else ""
 
 
 def _study_summary(
     results: Results, left_out: LeftOut, analyzed: MetricAnalyses, notes: Mapping[str, str]
 ) -> html.PageSection:
-    """HTML section with the study in short: statuses, verdicts, notes."""
+    """Study page's section in short."""
     effects, pairs, chances, unranked = analyzed
     status = results.status
     counts = [(word, status.count(word)) for word in ROW_STATUSES]
@@ -252,7 +251,7 @@ def _study_summary(
 
 
 def _range_text(results: Results, metric: str) -> str:
-    """Text of a metric's smallest and largest value, with variants."""
+    """Text of a metric's range, with variants."""
     rows = np.flatnonzero(results.usable_rows(metric))
     values, unit = results.values(metric)[rows], results.column_unit(metric)
     low, high = int(values.argmin()), int(values.argmax())
@@ -265,13 +264,7 @@ def _range_text(results: Results, metric: str) -> str:
 def _verdict_text(
     results: Results, metric: str, effects: list[Effect], pairs: list[Interaction], chance: float | None
 ) -> str:
-    """Sentence on the factor that stands out.
-
-    A factor stands out if chance explains as much in fewer than 5 % of cases, over all factors.
-
-    Args:
-        chance: scatter's part of the variance.
-    """
+    """Sentence on the factor that stands out in a metric."""
     scatter = "" if chance is None else f"scatter between equal runs makes {100.0 * chance:.0f} % of the variance"
     if not effects:
         return f"no factor varies; {scatter}." if scatter else "no factor varies."
@@ -305,7 +298,7 @@ def _verdict_text(
 
 
 def _factors_section(results: Results) -> html.PageSection:
-    """HTML section on the factors: units, ranges, ties, noise."""
+    """Study page's section on factors: units, ranges, ties, noise."""
     rows, tied = [], results.factor_ties()
     for factor in results.factors:
         words = results.text_values(factor)
@@ -327,7 +320,7 @@ def _factors_section(results: Results) -> html.PageSection:
 
 
 def _quantiles_table(results: Results, metrics: tuple[str, ...]) -> str:
-    """HTML table of quantiles of metrics."""
+    """HTML table of metrics' quantiles."""
     rows = []
     for metric in metrics:
         values = results.values(metric)[results.usable_rows(metric)]
@@ -338,7 +331,7 @@ def _quantiles_table(results: Results, metrics: tuple[str, ...]) -> str:
 
 
 def _effects_section(results: Results, left_out: LeftOut, analyzed: MetricAnalyses) -> html.PageSection:
-    """HTML section on main effects and interactions."""
+    """Study page's section on main effects and interactions."""
     effects, pairs, chances, unranked = analyzed
     shown = {metric: found for metric, found in effects.items() if found}
     fair = {metric: found for metric, found in shown.items() if metric not in unranked}
@@ -383,14 +376,14 @@ NO_REPLICATES_NOTE = (
 
 
 def _expressions_note(results: Results) -> str:
-    """HTML line on the factors that effects and Sobol' indices leave out, "" without any."""
+    """HTML line on factors of expressions, left out, or ""."""
     found = [f"{name} (of {' and '.join(others)})" for name, others in results.expression_factors().items()]
     text = f"Left out, as expressions of other factors: {', '.join(found)}."
     return html.paragraph_html(text, muted=True) if found else ""
 
 
 def _pure_error_line(results: Results, metric: str, chance: float | None) -> str:
-    """Line on the scatter of a metric between equal runs."""
+    """Line on a metric's scatter between equal runs."""
     try:
         error = pure_error(results, metric)
     except StudyError as refused:
@@ -405,7 +398,7 @@ MOST_CORRELATED = 40
 
 
 def _correlation_section(results: Results, first: tuple[str, ...], rest: str) -> html.PageSection | None:
-    """HTML section on rank correlations, or None."""
+    """Study page's section on rank correlations."""
     names = tuple(dict.fromkeys((*first, *results.varying_metrics())))
     usable = tuple(m for m in names if results.usable_rows(m).sum() >= 3)
     if not results.numeric_factors() or not usable:
@@ -428,7 +421,7 @@ def _correlation_section(results: Results, first: tuple[str, ...], rest: str) ->
 
 
 def _surrogates_of_metrics(results: Results, metrics: tuple[str, ...]) -> dict[str, Surrogate | StudyError]:
-    """Surrogate of each metric, or the error that refuses it."""
+    """Surrogate of each metric, or the error instead."""
     found: dict[str, Surrogate | StudyError] = {}
     for metric in metrics:
         try:
@@ -441,7 +434,7 @@ def _surrogates_of_metrics(results: Results, metrics: tuple[str, ...]) -> dict[s
 def _surrogates_section(
     results: Results, surrogates: Mapping[str, Surrogate | StudyError], rest: str
 ) -> html.PageSection:
-    """HTML section on surrogates of the metrics: cuts, cross-validation."""
+    """Study page's section on the metrics' surrogates: cuts, cross-validation."""
     parts, refused = [], []
     for metric, found in surrogates.items():
         if isinstance(found, StudyError):
@@ -471,7 +464,7 @@ def _surrogates_section(
 def _sobol_section(
     results: Results, surrogates: Mapping[str, Surrogate | StudyError], folder: str | None
 ) -> html.PageSection:
-    """HTML section on Sobol' indices of the metrics."""
+    """Study page's section on Sobol' indices of the metrics."""
     found: list[SobolIndices] = []
     lines, refused = [], False
     for metric, surrogate in surrogates.items():
@@ -499,7 +492,7 @@ def _sobol_section(
 
 
 def _sobol_advice(results: Results, folder: str) -> str:
-    """Text with commands towards Sobol' indices."""
+    """Advice on commands that lead to Sobol' indices."""
     if ROUND_COLUMN in results.table.column_names:
         going_on = f"raise optimize.count in the study file and go on: warpchain optimize STUDY.toml -o {folder}"
     else:
@@ -515,7 +508,7 @@ def _sobol_advice(results: Results, folder: str) -> str:
 
 
 def _extremes_section(results: Results, metrics: tuple[str, ...], rest: str) -> html.PageSection:
-    """HTML section on variants with metrics' extreme values."""
+    """Study page's section on variants with metrics' extreme values."""
     parts = [rest]
     for metric in metrics:
         rows = np.flatnonzero(results.usable_rows(metric))
@@ -562,11 +555,10 @@ def write_report(
 
 
 TABLE_FILES = ("results.parquet", "results.csv")
-"""Files of a study's folder that hold its table."""
 
 
 def _about_lines(source: object, wanted: ReportGoals | None) -> list[str]:
-    """Words on the file that a report is of: name, digest, date; none of a table in memory."""
+    """Lines on a report's source file: name, digest, date."""
     path = source if isinstance(source, str | Path) else None
     if path is None and wanted is not None and wanted.folder is not None:
         path = next((file for name in TABLE_FILES if (file := Path(wanted.folder) / name).is_file()), None)

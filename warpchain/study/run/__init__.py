@@ -14,7 +14,7 @@ __all__ = ["join_studies", "merge_study", "run_study", "study_status"]
 
 
 def __getattr__(name: str) -> Any:
-    """Imports a name of this package when first used."""
+    """Imports a public name of `study.run` when first used."""
     if name in _HOME:
         return getattr(import_module(f"{__name__}.{_HOME[name]}"), name)
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

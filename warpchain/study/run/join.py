@@ -1,7 +1,4 @@
-"""Joins several studies' folders to one: the rows of all, each once, numbered through; the folders stay as they are.
-
-They must have one drive, the same factors with whatever ranges, and the same run settings.
-"""
+"""Joins several studies' folders to one: the rows of all, each once, numbered through; the folders stay as they are."""
 
 from __future__ import annotations
 
@@ -46,19 +43,15 @@ if TYPE_CHECKING:
     import pyarrow as pa
 
 START_DEFAULTS: Mapping[str, Any] = {"phase": 0.0}
-"""Keys of `run` by which drives begin, with defaults."""
 FREE_RUN_KEYS = ("shard", "device", "keep_states")
 GOAL_FIELDS = ("objectives", "bounds", "optimize")
-"""Fields of a study that runs ignore."""
 SPREAD_KEYS = ("range", "levels", "choice", "points", "distribution", "mean", "std", "sample", "group")
-"""Keys of a factor on the spread of its values."""
 ROWS_FILE, MERGED_FILE = "rows.parquet", "merged.parquet"
-"""Files of the joined design, and of rows' former numbers."""
 RowCopy = tuple[int, int]
 
 
 def joined_study(opened: Sequence[StudyFolder], rows: str) -> Study:
-    """Joined study of several folders, a design table in `rows`.
+    """Study that joins several folders, its design in `rows`.
 
     Raises:
         StudyError: a line for each key in which they differ.
@@ -83,12 +76,12 @@ def joined_study(opened: Sequence[StudyFolder], rows: str) -> Study:
 
 
 def _factor_by_name(study: Study, name: str) -> Factor:
-    """Factor of a study with this name."""
+    """Factor of a study by its name."""
     return next(factor for factor in study.factors if factor.name == name)
 
 
 def _difference_lines(first: StudyFolder, other: StudyFolder) -> Iterator[str]:
-    """Lines on differences that forbid to join folders."""
+    """Lines on differences that forbid to join two folders."""
     ours, theirs = _common_values(first), _common_values(other)
     if first.copies > 1 and other.copies > 1:
         for folder, fixed in ((first, ours), (other, theirs)):
@@ -116,7 +109,7 @@ def _difference_lines(first: StudyFolder, other: StudyFolder) -> Iterator[str]:
 
 
 def _common_values(folder: StudyFolder) -> dict[str, Any]:
-    """Values of a study that joined studies share."""
+    """Values of a study that joined studies must share."""
     found = file_from_fields(folder.study.model_dump(mode="json", exclude={"study", "design", *GOAL_FIELDS}))
     found["factors"] = {f.name: f.model_dump(mode="json", exclude=set(SPREAD_KEYS)) for f in folder.study.factors}
     found["run"] = {key: value for key, value in found["run"].items() if key not in FREE_RUN_KEYS}
@@ -129,7 +122,7 @@ def _common_values(folder: StudyFolder) -> dict[str, Any]:
 
 
 def _differing_values(ours: Any, theirs: Any, path: tuple[str | int, ...] = ()) -> Iterator[tuple[Any, Any, Any]]:
-    """Key paths and values in which nested values differ."""
+    """Key paths and values in which studies differ."""
     if isinstance(ours, dict) and isinstance(theirs, dict):
         for key in dict.fromkeys([*ours, *theirs]):
             yield from _differing_values(ours.get(key), theirs.get(key), (*path, key))
@@ -141,13 +134,13 @@ def _differing_values(ours: Any, theirs: Any, path: tuple[str | int, ...] = ()) 
 
 
 def _short_value_text(value: Any) -> str:
-    """Text of a value, shortened."""
+    """Text of a differing value, shortened."""
     text = "nothing" if value is None else "a table" if isinstance(value, dict) else value_text(value)
     return text if len(text) <= 60 else text[:57] + "..."
 
 
 def _joined_factor(factors: Sequence[Factor]) -> Factor | None:
-    """Factor whose values include those of all, or None."""
+    """Factor with the values of all joined ones, or None."""
     first = factors[0].model_copy(update={"points": None})
     if all(factor.model_copy(update={"points": None}) == first for factor in factors):
         return first
@@ -170,7 +163,7 @@ def _start_factors(opened: Sequence[StudyFolder]) -> Iterator[Factor]:
 
 
 def start_value(drive: Drive, name: str) -> Any:
-    """Value in a drive of a key of `START_DEFAULTS`."""
+    """Start setting of a drive by its key."""
     value = getattr(drive.run, name)
     return START_DEFAULTS[name] if value is None else value
 
@@ -187,7 +180,7 @@ class JoinedStudies:
 
 @dataclass
 class _JoinedRows:
-    """Joined rows, each once, and their runs."""
+    """Rows of joined studies, each once, and their runs."""
 
     rows: list[dict[str, Any]] = field(default_factory=list)  # values by factor
     place: dict[tuple[Any, ...], int] = field(default_factory=dict)  # joined number by values
@@ -203,12 +196,14 @@ def join_studies(
     workers: int | None = None,
     memory: int = MEMORY,
 ) -> JoinedStudies:
-    """Joins studies' folders into a new one; returns status.
+    """Joins studies' folders into a new one; returns its status.
+
+    They must have one drive, the same factors in any range, and the same run settings.
 
     Args:
         folders: two or more, finished or not.
         out: the folder to make; it appears whole or not at all.
-        workers, memory: for worst variants still to be recorded; see `run_study`.
+        workers, memory: for worst variants still to be recorded.
 
     Raises:
         StudyError: one folder, studies that do not run the same, an existing `out`, or a disk that refuses.
@@ -255,7 +250,7 @@ def _process_umask() -> int:
 
 
 def _joined_rows(opened: Sequence[StudyFolder], study: Study) -> _JoinedRows:
-    """Rows of joined folders, each once, and places of runs."""
+    """Rows of joined folders, each once, and their runs."""
     pool = _JoinedRows()
     names = [factor.name for factor in study.factors]
     for f, folder in enumerate(opened):
@@ -276,7 +271,7 @@ def _joined_rows(opened: Sequence[StudyFolder], study: Study) -> _JoinedRows:
 
 
 def _write_joined_folder(place: Path, opened: Sequence[StudyFolder], study: Study, pool: _JoinedRows) -> None:
-    """Writes the joined folder without its results table."""
+    """Writes a joined folder without its results table."""
     import pyarrow as pa
 
     (place / "shards").mkdir()
@@ -321,7 +316,7 @@ def _row_mapping(opened: Sequence[StudyFolder], pool: _JoinedRows) -> pa.Table:
 
 
 def _renumbered_runs(folder: StudyFolder, pool: _JoinedRows, f: int, design: pa.Table) -> pa.Table:
-    """Table of a folder's runs with joined numbers and factors."""
+    """Table of a folder's runs with joined numbers."""
     import pyarrow as pa
 
     table = read_runs(folder)
@@ -344,7 +339,7 @@ def _renumbered_runs(folder: StudyFolder, pool: _JoinedRows, f: int, design: pa.
 def _write_joined_shard(
     joined: StudyFolder, shard: int, opened: Sequence[StudyFolder], tables: Mapping[int, pa.Table], pool: _JoinedRows
 ) -> None:
-    """Writes a joined shard: recordings, then table."""
+    """Writes a joined shard: its recordings, then its table."""
     import pyarrow as pa
 
     wanted = list(zip(*(part.tolist() for part in joined.shard_runs(shard)), strict=True))
@@ -368,7 +363,7 @@ def _write_joined_shard(
 def _copy_states(
     joined: StudyFolder, shard: int, opened: Sequence[StudyFolder], runs: Sequence[tuple[int, int, int, int]]
 ) -> None:
-    """Copies end states of runs to a joined shard."""
+    """Copies runs' end states to a joined shard."""
     held = {
         f: read_run_states(opened[f], [(row, copy) for of, row, _, copy in runs if of == f])
         for f in {r[0] for r in runs}
@@ -396,7 +391,7 @@ class _SourceTrajectories(Mapping[int, Trajectory]):
 
 
 def _table_with_recordings(joined: StudyFolder, shard: int, table: pa.Table, owners: Sequence[StudyFolder]) -> pa.Table:
-    """Table of a joined shard after its recordings were archived."""
+    """Table of a joined shard whose recordings are archived."""
     import pyarrow as pa
 
     from warpchain.archive import read_archive, write_archive

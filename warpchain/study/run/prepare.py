@@ -1,7 +1,4 @@
-"""Prepares a study to run: reads and checks its file, makes its rows, makes or grows its folder.
-
-Growing adds a plan: more points or replicates, or another duration or window, for which all rows run once more.
-"""
+"""Prepares a study to run: reads and checks its file, makes its rows, makes or grows its folder."""
 
 from __future__ import annotations
 
@@ -58,17 +55,13 @@ if TYPE_CHECKING:
     import pyarrow as pa
 
 SHARD_SECONDS = 30.0
-"""Time that a shard should take [s]."""
 CORE_RATE, GPU_RATE = 1e8, 2e10
-"""Assumed roller-steps a second of core and GPU."""
+"""Assumed roller-steps a second."""
 SETTLE_STEPS = 30_000
-"""Steps that settling is worth."""
 HOST_SECONDS, MODES_SECONDS = 2e-3, 0.15
-"""Core time of a row, and of its modes [s]."""
+"""Core time of a row, and of modes [s]."""
 CORE_VARIANTS, GPU_VARIANTS = 8, 4224
-"""Fewest variants at once for a core and a GPU."""
 ROLLER_BYTES, VARIANT_BYTES = 500, 100_000
-"""Approximate memory of a roller and a variant in simulation."""
 
 
 def prepare_folder(
@@ -79,7 +72,7 @@ def prepare_folder(
     memory: int,
     grow: bool = False,
 ) -> StudyFolder:
-    """Study folder, made, grown or opened; arguments as in `run_study`."""
+    """Study folder made, grown or opened; arguments as of `run_study`."""
     begun = (Path(out) / "plan.json").exists()
     if begun:
         open_folder(Path(out)).check_plugins()
@@ -139,14 +132,14 @@ def read_study(
 
 
 def base_drive_file(study: Study, source: str | os.PathLike[str], base: str | os.PathLike[str] | None = None) -> Path:
-    """Path of a study's base drive; arguments as in `read_study`."""
+    """Path of a study's base drive; arguments as of `read_study`."""
     word = study.study.drive if base is None else os.fspath(base)
     beside = Path(source).parent / word if base is None else Path(word)
     return beside if beside.exists() or beside.suffix == ".toml" else drive_path(word)
 
 
 def _drive_mistakes(study: Study, drive: Drive, source: str | os.PathLike[str]) -> list[str]:
-    """Errors of a study against its drive, a line each."""
+    """Lines on a study's errors against its drive."""
     lines: list[str] = []
     for check in (check_base_drive, check_metric_names):
         try:
@@ -157,7 +150,7 @@ def _drive_mistakes(study: Study, drive: Drive, source: str | os.PathLike[str]) 
 
 
 def _readable_study(source: str | os.PathLike[str]) -> Study | None:
-    """Valid parts of a study file with errors, or None."""
+    """Study of a faulty file's valid parts, or None."""
     import tomllib
 
     try:
@@ -190,14 +183,14 @@ def _readable_study(source: str | os.PathLike[str]) -> Study | None:
 
 
 def _factor_without_values(factor: Any) -> dict[str, Any]:
-    """Keys of what a factor sets, with some range."""
+    """Keys of a faulty factor's targets, with some range."""
     keys = ("name", "path", "paths", "shift", "along", "relative", "offset")
     held = {key: factor[key] for key in keys if key in factor} if isinstance(factor, dict) else {}
     return {**held, "range": [0.0, 1.0]}
 
 
 def preferred_shard_size(study: Study, drive: Drive, rows: int, parts: int, cores: int, memory: int) -> int:
-    """Number of runs of a shard, for some 30 s."""
+    """Number of runs for a shard of some 30 s."""
     links = drive.links
     fits = memory // (ROLLER_BYTES * links + VARIANT_BYTES)
     try:
@@ -212,18 +205,18 @@ def preferred_shard_size(study: Study, drive: Drive, rows: int, parts: int, core
 
 
 def stored_step_rate(gpus: int, cores: int) -> float:
-    """Assumed roller-steps a second of GPUs, or of cores."""
+    """Assumed roller-steps a second of GPUs or cores."""
     return GPU_RATE * gpus or CORE_RATE * cores
 
 
 def overhead_seconds(study: Study, drive: Drive, gpus: int, cores: int) -> float:
-    """Approximate time [s] of a run apart from its steps."""
+    """Approximate time [s] of a run beside its steps."""
     settling = drive.links * SETTLE_STEPS / stored_step_rate(gpus, cores) if drive.run.settle else 0.0
     return settling + (HOST_SECONDS + (MODES_SECONDS if study.metrics.modes is not None else 0.0)) / cores
 
 
 def gpu_count(device: str | None) -> int:
-    """Number of GPUs that a device name means."""
+    """Number of GPUs in a study's device name."""
     if device in (None, "cuda"):
         import warp as wp
 
@@ -264,7 +257,7 @@ def check_metric_names(study: Study, drive: Drive, source: str | os.PathLike[str
 
 
 def _unknown_metric_lines(study: Study, drive: Drive, names: Sequence[str]) -> Iterator[str]:
-    """Lines on unknown metrics in a study."""
+    """Lines on names of metrics that a drive lacks."""
     from warpchain.results.measured import signal_units
     from warpchain.results.metric_columns import RECORDED_METRICS, groups_of_drive
 
@@ -299,7 +292,7 @@ def _unknown_metric_lines(study: Study, drive: Drive, names: Sequence[str]) -> I
 
 
 def is_growable(known: Study, other: Study) -> bool:
-    """Whether a study's folder can grow to another study's."""
+    """Whether a study's folder can grow to another study."""
     if not set(differing_tables(known, other)) <= {"design", "run"}:
         return False
     design, run = known.design, known.run
@@ -321,7 +314,7 @@ def is_growable(known: Study, other: Study) -> bool:
 
 
 def grow_folder(folder: StudyFolder, study: Study, source: Path, shard: int) -> StudyFolder:
-    """Study folder grown by more points, replicates, duration or window.
+    """Study folder grown by a plan: more points or replicates, another duration or window.
 
     Args:
         study: for which `is_growable` is true.

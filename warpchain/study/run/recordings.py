@@ -1,4 +1,4 @@
-"""Recorded variants of a study: their trajectories and objectives, and a recording to play of any variant."""
+"""Recorded variants of a study: trajectories, objectives, and a recording to play of any variant."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ MOST_RECORDINGS = 4
 
 
 def recording_places(results: Results) -> dict[int, tuple[str, int]]:
-    """Archive and number in it of each recorded variant."""
+    """Archive and number of each recorded variant."""
     names = results.table.column_names
     if not set(ARCHIVE_COLUMNS) <= set(names):
         raise StudyError("the study recorded no variant: its table has no column 'archive'")
@@ -66,7 +66,7 @@ def recorded_trajectories(
 
 
 def worst_first_variants(results: Results, variants: Sequence[int], worst: Worst | None) -> list[int]:
-    """Variants with the worst first, as the study says."""
+    """Recorded variants, the study's worst first."""
     if worst is None or worst.metric not in results.table.column_names:
         return list(variants)
     sign = -1.0 if worst.side == "largest" else 1.0
@@ -110,7 +110,7 @@ def results_with_objectives(results: Results, folder: str | Path, woehler: Woehl
 
 @dataclass(frozen=True)
 class RepeatedRun:
-    """Study variant to run again, for a recording to play."""
+    """Variant without a recording, to run again for one."""
 
     drive: Drive
     study: Study
@@ -134,7 +134,7 @@ class RepeatedRun:
         return shlex.join(words)
 
     def run_again(self, *, workers: int | None = None, memory: int = MEMORY, progress: Progress = False) -> None:
-        """Runs the variant again, into its archive."""
+        """Runs the variant again, recorded into its own archive."""
         from warpchain.archive.options import ArchiveOptions
         from warpchain.engine.simulation import simulate
         from warpchain.results.run import Record
@@ -159,7 +159,7 @@ class RepeatedRun:
 
 
 def recording_of_variant(folder: str | Path, variant: int) -> tuple[Path, int] | RepeatedRun:
-    """Archive and number of a study's variant, or a `RepeatedRun`.
+    """Archive and number of a variant's recording, or a `RepeatedRun`.
 
     Raises:
         StudyError: no such folder or variant, or one that gives no drive.

@@ -1,8 +1,4 @@
-"""Drives of a study's rows: values set in the base drive, parts shifted, then adjusted so that the chain fits.
-
-A sprocket's place or the number of links is adjusted for a strain of the strands' links; a preload T is the strain T /
-(k p).
-"""
+"""Drives of a study's rows: values set in the base drive, parts shifted, then adjusted so that the chain fits."""
 
 from __future__ import annotations
 
@@ -35,15 +31,15 @@ if TYPE_CHECKING:
     from warpchain.study.spec.study_tables import Adjust
 
 DEFAULT_TRAVEL = 4.0
-"""Default travel of an adjusted sprocket either way, in pitches."""
+"""Default travel of an adjusted sprocket, in pitches."""
 
 
 AdjustedDrive = tuple[Drive, dict[str, Any]]
-"""A drive that fits, and its adjustments by column."""
+"""Adjusted drive, and its adjustments by column."""
 
 
 def drive_of_row(study: Study, base: Drive, row: Mapping[str, Any], changes: DriveChanges | None = None) -> Drive:
-    """Drive of a study's row before adjustments.
+    """Drive of a study's row, not yet adjusted.
 
     Args:
         changes: of the base drive, for many rows.
@@ -91,12 +87,12 @@ def _drive_with_shift(drive: Drive, factor: Factor, path: str, by: float) -> Dri
 
 
 def _shifted_point(point: Sequence[float], step: Sequence[float]) -> list[float]:
-    """Point moved by a step [m]."""
+    """Point [m] of a shifted part."""
     return [point[0] + step[0], point[1] + step[1]]
 
 
 def _shifted_guide_values(guide: Guide, step: Sequence[float]) -> dict[str, Any]:
-    """Values of a guide's keys after a shift [m]."""
+    """Values of a shifted guide's keys."""
     found: dict[str, Any] = {}
     for name in ("start", "end"):
         if (own := getattr(guide, name)) is not None:
@@ -121,7 +117,7 @@ def _guide_normal(drive: Drive, guide: Guide) -> tuple[float, float]:
 def adjusted_drives(
     drives: Sequence[Drive], adjusts: Sequence[Adjust], rows: Sequence[Mapping[str, Any]]
 ) -> list[AdjustedDrive | WarpchainError]:
-    """Drives of rows with chains adjusted to fit, or errors."""
+    """Drives of rows, adjusted so that chains fit, or errors."""
     found: list[AdjustedDrive | WarpchainError] = [(drive, {}) for drive in drives]
     for key, before, adjust in named_adjustments(adjusts):
         going = [(v, *made) for v, made in enumerate(found) if isinstance(made, tuple)]
@@ -165,14 +161,14 @@ def _drives_with_adjustment(
 
 
 def _drive_with_links(drive: Drive, adjust: Adjust, links: int | None) -> Drive:
-    """Drive with `links` of the adjusted chain, if any."""
+    """Drive whose adjusted chain has `links`, if given."""
     if links is None:
         return drive
     return drive_with_numbers(drive, {links_place(drive, fitted_chain(drive, adjust.chain, adjust.sprocket)): links})
 
 
 def _adjusted_chain(drive: Drive, adjust: Adjust) -> ChainModel:
-    """The chain that is adjusted."""
+    """Model of the chain that is adjusted."""
     return fitted_chain(drive, adjust.chain, adjust.sprocket)
 
 
@@ -200,7 +196,7 @@ def _link_counts_to_try(
 def _drives_with_moved_sprocket(
     drives: Sequence[Drive], key: str, adjust: Adjust, strains: Sequence[float]
 ) -> list[AdjustedDrive | StudyError]:
-    """Drives with the adjusted sprocket moved, travel [m], or errors."""
+    """Drives with a moved sprocket, and travel [m], or errors."""
     if adjust.sprocket is None:
         return [(drive, {}) for drive in drives]
     assert adjust.direction is not None  # the table's own rule
@@ -225,7 +221,7 @@ def _drives_with_moved_sprocket(
 
 
 def _assembly_strain(drive: Drive, key: str, adjust: Adjust, row: Mapping[str, Any]) -> float:
-    """Strain at assembly [-] that a row wants."""
+    """Strain at assembly [-] that a row wants, or that of its preload."""
     name, asked = ("strain", adjust.strain) if adjust.strain is not None else ("preload", adjust.preload)
     try:
         value = evaluate_expression(asked, row) if isinstance(asked, str) else asked
@@ -242,7 +238,7 @@ def _assembly_strain(drive: Drive, key: str, adjust: Adjust, row: Mapping[str, A
 
 @dataclass
 class Variant:
-    """Study variant: row, copy, drive and results of a run."""
+    """Variant of a study: row, copy, drive, results."""
 
     row: dict[str, Any]
     drive: Drive | None = None
@@ -260,12 +256,12 @@ class Variant:
     resumed: bool = False
 
     def mark_infeasible(self, error: WarpchainError) -> None:
-        """Removes the variant's drive, with an error as the reason."""
+        """Removes the variant's drive, an error as the reason."""
         self.drive, self.reason = None, reason_from_error(error)
 
     @property
     def status(self) -> str:
-        """Status of the variant as judged, or "infeasible" without metrics."""
+        """Status of the variant: as judged, or "infeasible"."""
         return "infeasible" if self.metrics_row is None else str(self._metrics_cell("status"))
 
     def outcome_reason(self) -> str | None:
@@ -273,7 +269,7 @@ class Variant:
         return self.reason if self.metrics_row is None else self._metrics_cell("reason") or None
 
     def _metrics_cell(self, column: str) -> Any:
-        """Value of a column of the variant's row of metrics."""
+        """Cell of the variant's row of metrics."""
         assert self.metrics_row is not None  # asked for only then
         table, row = self.metrics_row
         return table[column][row].as_py()
@@ -289,7 +285,7 @@ class Variant:
 
 
 def build_drives(study: Study, base: Drive, variants: Sequence[Variant]) -> None:
-    """Builds adjusted drives of variants, or notes the reason."""
+    """Builds variants' adjusted drives, or notes reasons."""
     changes = DriveChanges(base) if len(variants) > 1 else None
     for number, variant in enumerate(variants):
         if number % 64 == 0:
@@ -311,7 +307,7 @@ def build_drives(study: Study, base: Drive, variants: Sequence[Variant]) -> None
 
 
 def build_and_check_drives(study: Study, base: Drive, variants: Sequence[Variant]) -> None:
-    """Builds drives of variants and checks that they assemble."""
+    """Builds variants' drives, and checks that they assemble."""
     build_drives(study, base, variants)
     for variant in variants:
         if variant.drive is not None:

@@ -1,4 +1,4 @@
-"""Tables of the states of a study's runs at their ends, from which longer runs go on; a file a shard."""
+"""Tables of the states in which a study's runs end, from which longer runs go on; a file a shard."""
 
 from __future__ import annotations
 
@@ -14,11 +14,10 @@ if TYPE_CHECKING:
     from warpchain.study.run.row_drives import Variant
 
 VARIANT_COLUMN, COPY_COLUMN, STATE_COLUMN = "variant", "replicate", "state"
-"""Columns of a shard's table of states, beside `RESUMED_COLUMN`."""
 
 
 def write_run_states(folder: StudyFolder, shard: int, variants: Sequence[Variant]) -> None:
-    """Writes a shard's table of runs' end states."""
+    """Writes a shard's table of its runs' end states."""
     import pyarrow as pa
 
     table = pa.table(
@@ -35,7 +34,7 @@ def write_run_states(folder: StudyFolder, shard: int, variants: Sequence[Variant
 
 
 def read_run_states(folder: StudyFolder, tasks: Sequence[tuple[int, int]]) -> dict[tuple[int, int], bytes]:
-    """End states of runs (row, copy), read from disk."""
+    """End states by run (row, copy), read from disk."""
     numbers = folder.read_design()[VARIANT_COLUMN].to_pylist()
     wanted = {(numbers[row], copy): (row, copy) for row, copy in tasks}
     rows = {row for row, _ in tasks}
@@ -51,7 +50,7 @@ def read_run_states(folder: StudyFolder, tasks: Sequence[tuple[int, int]]) -> di
 
 
 def write_joined_states(folder: StudyFolder, shard: int, states: Sequence[tuple[int, int, bytes | None]]) -> None:
-    """Writes a joined shard's table of end states, if any."""
+    """Writes a joined shard's end states, if any."""
     import pyarrow as pa
 
     numbers, copies, held = zip(*states, strict=True)
@@ -66,7 +65,7 @@ def write_joined_states(folder: StudyFolder, shard: int, states: Sequence[tuple[
 
 
 def assign_initial_states(folder: StudyFolder, variants: Sequence[Variant]) -> None:
-    """Sets `initial_state` of variants to end states of earlier runs."""
+    """Sets variants' initial states to earlier runs' end states."""
     wanted = {(variant.row["variant"], variant.copy): variant for variant in variants if not variant.recorded}
     if not folder.earlier_plans or not wanted:
         return
@@ -90,7 +89,7 @@ def assign_initial_states(folder: StudyFolder, variants: Sequence[Variant]) -> N
 
 
 def _state_from_bytes(data: bytes) -> VariantState | None:
-    """State of a run from bytes, or None."""
+    """End state of a run from bytes, or None."""
     from warpchain.engine.checkpoint import VariantState
 
     try:

@@ -1,7 +1,4 @@
-"""Runs a study: the shards that are left, the second pass for the worst variants, the whole table.
-
-Shards run here, or on any executor of `concurrent.futures`, such as Dask's.
-"""
+"""Runs a study: the shards that are left, the worst variants again to record them, the whole table."""
 
 from __future__ import annotations
 
@@ -52,9 +49,7 @@ if TYPE_CHECKING:
 __all__ = ["StudyStatus", "merge_study", "run_study", "study_status"]
 
 CONNECT_SECONDS = 5.0
-"""Time to connect to a scheduler [s]."""
 SCHEDULER_SECONDS = 30.0
-"""Time that a scheduler has to answer [s]."""
 PARTIAL_FILE = "partial.parquet"
 
 
@@ -118,7 +113,7 @@ def merge_study(out: str | os.PathLike[str], *, workers: int | None = None, memo
 def finish_study(
     folder: StudyFolder, executor: Executor | None, options: Mapping[str, Any], report: ProgressReport = ignore_progress
 ) -> StudyStatus:
-    """Records worst variants, writes results; returns the status."""
+    """Records worst variants, writes results; returns the study's status."""
     table = read_runs(folder)
     if folder.study.record.worst is not None:
         chosen = worst_variants(folder.study, table)
@@ -152,7 +147,7 @@ def finish_study(
 
 
 def read_runs(folder: StudyFolder) -> pa.Table:
-    """Table of all runs of a study's done shards."""
+    """Table of all runs in a study's done shards."""
     table = _concatenated_shards(folder, [shard for shard in folder.shard_numbers if folder.is_done(shard)])
     for name, identity in folder.earlier_worst_shards:
         if folder.is_done(name):
@@ -163,7 +158,7 @@ def read_runs(folder: StudyFolder) -> pa.Table:
 
 
 def _archive_names(table: pa.Table) -> list[str]:
-    """Names of archives with a table's recorded variants."""
+    """Names of archives of a table's recorded variants."""
     name, _ = ARCHIVE_COLUMNS
     return sorted(set(table[name].to_pylist()) - {None}) if name in table.column_names else []
 
@@ -191,7 +186,7 @@ def _concatenated_shards(folder: StudyFolder, shards: Sequence[int]) -> pa.Table
 
 
 def write_partial_table(out: str | os.PathLike[str]) -> Path:
-    """Writes `partial.parquet`, the table of done shards; returns its path."""
+    """Writes the table of done shards; returns its path."""
     folder = open_folder(Path(out))
     done = [shard for shard in folder.shard_numbers if folder.is_done(shard)]
     if not done:
@@ -203,13 +198,13 @@ def write_partial_table(out: str | os.PathLike[str]) -> Path:
 
 
 def means_of_replicates(table: pa.Table) -> pa.Table:
-    """Table of means over copies, a row a variant."""
+    """Table of variants' means over their replicates."""
     first = [field.name for field in table.schema if (field.metadata or {}).get(b"role") != b"metric"]
     return summarize_copies(table, "variant", first)
 
 
 def worst_variants(study: Study, table: pa.Table) -> list[tuple[int, int]]:
-    """Most extreme variants (number, copy) to record."""
+    """Runs (variant, copy) of extreme metrics, to record."""
     worst = study.record.worst
     assert worst is not None  # asked for
     if worst.metric not in table.column_names:
@@ -232,7 +227,7 @@ def worst_variants(study: Study, table: pa.Table) -> list[tuple[int, int]]:
 
 
 def _table_with_archives(table: pa.Table, second: pa.Table) -> pa.Table:
-    """Table of runs with a second pass's recordings."""
+    """Table of runs with recordings of a second pass."""
     import pyarrow as pa
 
     keys = ["variant", COPY_COLUMN] if COPY_COLUMN in table.column_names else ["variant"]
@@ -274,9 +269,9 @@ def run_study(
     """Runs what is left of a study; returns its status.
 
     Args:
-        source: the study file.
         out: the study's folder; made if there is none.
-        executor: runs the shards; its workers must see the folder under the same name. None runs them here.
+        executor: runs the shards, such as Dask's; its workers must see the folder under the same name. None runs them
+            here.
         part: (i, n) runs only the shards k with k mod n = i, and leaves the rest to `merge_study`.
         parts: workers to keep busy: a new folder's shards have at most rows / parts rows.
         workers: CPU threads of a shard; None takes all cores.
@@ -288,7 +283,7 @@ def run_study(
     Raises:
         StudyError: an error of the file, or a folder of another study.
         WarpchainError: what stopped a shard; what is done stays.
-        KeyboardInterrupt: the user stopped it; what is done stays.
+        KeyboardInterrupt: what is done stays.
     """
     if part is not None and not 0 <= part[0] < part[1]:
         raise StudyError(f"--shard {part[0]}/{part[1]}: must be i/n with 0 <= i < n")
@@ -307,7 +302,7 @@ def run_folder(
     memory: int = MEMORY,
     progress: Progress = False,
 ) -> StudyStatus:
-    """Runs the rest of a study's folder; returns its status."""
+    """Runs what is left of a study's folder; returns its status."""
     options = {"workers": workers, "memory": memory, "plugins": [str(of.path) for of in loaded_plugins()]}
     mine = [shard for shard in folder.shard_numbers if part is None or shard % part[1] == part[0]]
     left = [shard for shard in mine if not folder.is_done(shard)]

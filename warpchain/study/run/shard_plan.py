@@ -1,4 +1,4 @@
-"""Plans of a study's folder: runs, copies of rows, cut into shards. Growing a study adds a plan."""
+"""Plans of a study's folder: runs, copies of rows, cut into shards."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ class RunBlock:
         return (self.rows[1] - self.rows[0]) * (self.copies[1] - self.copies[0])
 
     def runs_between(self, begin: int, end: int) -> tuple[Indices, Indices]:
-        """Rows and copies of some of a block's runs."""
+        """Rows and copies of a block's runs in a span."""
         import numpy as np
 
         number, width = np.arange(begin, end), self.copies[1] - self.copies[0]
@@ -62,11 +62,11 @@ class ShardPlan:
         return range(self.first_shard, self.first_shard - (-self.run_count // self.shard_size))
 
     def shard_run_count(self, shard: int) -> int:
-        """Number of runs of a shard."""
+        """Number of runs of a plan's shard."""
         return min(self.shard_size, self.run_count - (shard - self.first_shard) * self.shard_size)
 
     def shard_runs(self, shard: int) -> tuple[Indices, Indices]:
-        """Rows and copies of a shard's runs, two arrays."""
+        """Rows and copies of a planned shard's runs, two arrays."""
         import numpy as np
 
         begin = (shard - self.first_shard) * self.shard_size
@@ -82,7 +82,7 @@ class ShardPlan:
 
 
 def blocks_of_runs(tasks: Iterable[tuple[int, int]], copies: int) -> tuple[RunBlock, ...]:
-    """Blocks of ascending runs (row, copy)."""
+    """Blocks that ascending runs (row, copy) form."""
     rows: dict[int, list[int]] = {}
     for row, copy in tasks:
         rows.setdefault(row, []).append(copy)
@@ -98,7 +98,7 @@ def blocks_of_runs(tasks: Iterable[tuple[int, int]], copies: int) -> tuple[RunBl
 
 
 def _consecutive_spans(numbers: Sequence[int]) -> list[tuple[int, int]]:
-    """Spans of consecutive numbers among ascending ones."""
+    """Begins and ends of consecutive numbers among ascending ones."""
     found: list[tuple[int, int]] = []
     for number in numbers:
         if found and found[-1][1] == number:
@@ -109,13 +109,13 @@ def _consecutive_spans(numbers: Sequence[int]) -> list[tuple[int, int]]:
 
 
 def plan_file_name(name: str, number: int) -> str:
-    """File name of a plan's number: study.toml, study.1.toml, ..."""
+    """Name of a plan's file: study.toml, study.1.toml, ..."""
     stem, _, ending = name.rpartition(".")
     return f"{stem}.{number}.{ending}" if number else name
 
 
 def write_plan(path: Path, number: int, facts: Mapping[str, Any]) -> None:
-    """Writes the file of a plan, unless it exists."""
+    """Writes a plan's file, unless it exists."""
     from warpchain.drive.plugins import plugin_words
 
     names = (
@@ -134,7 +134,7 @@ def write_plan(path: Path, number: int, facts: Mapping[str, Any]) -> None:
 
 
 def read_plan(path: Path, number: int, before: Sequence[ShardPlan]) -> tuple[int, ShardPlan, bool]:
-    """Rows of the design, plan, and whether it begins anew."""
+    """Number of rows, plan, and whether it begins anew, from file."""
     file = path / plan_file_name("plan.json", number)
     try:
         plan = parse_json(file.read_text())
@@ -158,7 +158,7 @@ def read_plan(path: Path, number: int, before: Sequence[ShardPlan]) -> tuple[int
 
 
 def _plan_digest(plan: Mapping[str, Any]) -> str:
-    """SHA-256 of a plan's entries, which marks a study's tables."""
+    """SHA-256 of a plan's entries, which marks its tables."""
     text = json.dumps({name: value for name, value in plan.items() if name != "digest"}, sort_keys=True)
     return hashlib.sha256(text.encode()).hexdigest()
 

@@ -1,6 +1,6 @@
 """Simulates one shard of a study: rows become drives, drives are simulated together, results become a table.
 
-A variant's results do not depend on the others, so neither the cut into shards nor a restart changes a bit of them.
+Neither the cut into shards nor a restart changes a bit of them.
 """
 
 from __future__ import annotations
@@ -48,7 +48,7 @@ def simulate_variants(
     options: Mapping[str, Any],
     report: ProgressReport,
 ) -> None:
-    """Builds, simulates and archives a study's variants.
+    """Builds, simulates and archives variants of a study.
 
     Args:
         variants: whose results are filled in.
@@ -66,7 +66,7 @@ def simulate_variants(
     of_runs = partial_report(report, RUNNING, 0.0, runs)
 
     def add_modes() -> None:
-        """Adds modes to the variants' metrics."""
+        """Adds modes' metrics to the variants."""
         _add_mode_metrics(study, base, variants, options.get("workers"), partial_report(report, RUNNING, runs, 1.0))
 
     if _has_room_for_recordings(study, variants, options.get("memory", MEMORY)):
@@ -102,7 +102,7 @@ def _add_mode_metrics(
 
 
 def _build_copies(study: Study, base: Drive, variants: Sequence[Variant]) -> None:
-    """Builds each row's drive once, and copies that run."""
+    """Builds each row's drive once, for all its replicates."""
     made: dict[int, Variant] = {}
     for variant in variants:
         made.setdefault(variant.row["variant"], variant)
@@ -120,7 +120,7 @@ def _build_copies(study: Study, base: Drive, variants: Sequence[Variant]) -> Non
 def _simulate_feasible(
     study: Study, variants: Sequence[Variant], archive: Path | None, options: Mapping[str, Any], report: ProgressReport
 ) -> None:
-    """Simulates variants that have a drive; marks refused ones infeasible."""
+    """Simulates a shard's feasible variants; those refused become infeasible."""
     feasible = [variant for variant in variants if variant.drive is not None]
     refused = _attempt_simulation(study, feasible, archive, options, report)
     if isinstance(refused, DriveError):
@@ -158,7 +158,7 @@ def _attempt_simulation(
     from warpchain.results.run import Record
 
     def on_progress(phase: str, done: float, total: float) -> None:
-        """Reports all phases but settling."""
+        """Reports a shard's progress, but for settling."""
         if phase != "settling":  # simulating begins anew
             report(phase, done, total)
 
@@ -205,7 +205,7 @@ def _attempt_simulation(
 
 
 def _has_room_for_recordings(study: Study, variants: Sequence[Variant], memory: int) -> bool:
-    """Whether recorded trajectories fit into memory."""
+    """Whether a shard's recorded trajectories fit into memory."""
     from warpchain.engine.simulation import schedules_of
     from warpchain.results.channels import drive_frame_width, frame_with_channels
     from warpchain.results.run import Record
@@ -224,14 +224,14 @@ def _has_room_for_recordings(study: Study, variants: Sequence[Variant], memory: 
 
 
 def _archive_options(variants: Sequence[Variant], options: ArchiveOptions | None) -> ArchiveOptions:
-    """Options of an archive numbered as the study."""
+    """Options of a shard's archive, numbered as the study."""
     from warpchain.archive.options import ArchiveOptions
 
     return replace(options or ArchiveOptions(), numbers=[variant.row["variant"] for variant in variants])
 
 
 def _archive_recordings(variants: Sequence[Variant], path: Path, options: ArchiveOptions | None) -> None:
-    """Writes variants' trajectories into an archive."""
+    """Writes recorded variants' trajectories into a shard's archive."""
     from warpchain.archive import write_archive
     from warpchain.results.metrics import table_from_rows
     from warpchain.results.run import Run
@@ -255,11 +255,11 @@ def run_shard(
     """Simulates a study's shard; returns its number of runs.
 
     Args:
-        options: `memory` and `workers` of `simulate`; `plugins`, the files of plug-ins to load.
+        options: `memory` and `workers` of `simulate`; `plugins`, files to load.
 
     Raises:
         WarpchainError: an error that is not of single variants, such as a full disk.
-        KeyboardInterrupt: the user stopped it; nothing is written.
+        KeyboardInterrupt: nothing is written.
     """
     opened = _open_with_plugins(Path(folder), options)
     if not opened.is_done(shard):
@@ -277,7 +277,7 @@ def record_worst_variants(
     options: Mapping[str, Any] | None = None,
     report: ProgressReport = ignore_progress,
 ) -> None:
-    """Simulates a study's worst variants again to record them."""
+    """Simulates a study's worst variants again, recorded."""
     opened = _open_with_plugins(folder, options)
     place = {variant: row for row, variant in enumerate(opened.read_design()["variant"].to_pylist())}
     numbers = np.array([place[variant] for variant, _ in variants], dtype=np.int64)
@@ -287,7 +287,7 @@ def record_worst_variants(
 
 
 def _open_with_plugins(folder: Path, options: Mapping[str, Any] | None) -> StudyFolder:
-    """Study folder, opened once the plug-ins are loaded that it was begun with."""
+    """Study folder, opened after its plug-ins were loaded."""
     for file in (options or {}).get("plugins", ()):
         load_plugin(file)
     opened = open_folder(folder)
@@ -296,7 +296,7 @@ def _open_with_plugins(folder: Path, options: Mapping[str, Any] | None) -> Study
 
 
 def _rows_of_runs(folder: StudyFolder, numbers: Indices, copies: Indices) -> pa.Table:
-    """Rows of the design table for runs, with their copies."""
+    """Design rows of runs, with their copies."""
     import pyarrow as pa
 
     rows = folder.read_design().take(pa.array(numbers, pa.int64()))
@@ -311,7 +311,7 @@ def _simulate_and_write(
     options: Mapping[str, Any],
     report: ProgressReport,
 ) -> None:
-    """Simulates a shard's rows and writes archive and table."""
+    """Simulates a shard's rows; writes its archive and table."""
     from warpchain.archive.options import ArchiveOptions
 
     study = folder.study
@@ -334,7 +334,7 @@ def _simulate_and_write(
 
 
 def shard_table(study: Study, rows: pa.Table, variants: Sequence[Variant]) -> pa.Table:
-    """Table of inputs and metrics of a shard's variants."""
+    """Table of a shard's results: factors, status, metrics."""
     import pyarrow as pa
 
     status, reason = OUTCOME_COLUMNS
@@ -368,12 +368,12 @@ def shard_table(study: Study, rows: pa.Table, variants: Sequence[Variant]) -> pa
 
 
 def _kept_metrics(study: Study, variants: Sequence[Variant]) -> pa.Table:
-    """Table of the metrics that the study keeps."""
+    """Table of a shard's metrics that the study keeps."""
     patterns, dropped = kept_metric_patterns(study), {"variant", "diverged", *OUTCOME_COLUMNS}
 
     @cache
     def is_kept(name: str) -> bool:
-        """Whether the study keeps a metric."""
+        """Whether the study keeps a metric of this name."""
         return name not in dropped and any(fnmatchcase(name, pattern) for pattern in patterns)
 
     tables = {
@@ -387,7 +387,7 @@ def _kept_metrics(study: Study, variants: Sequence[Variant]) -> pa.Table:
 
 
 def kept_metric_patterns(study: Study) -> tuple[str, ...]:
-    """Name patterns of the metrics that a study keeps."""
+    """Patterns of the metrics' names that a study keeps."""
     worst = study.record.worst
     wanted = [name for metric in study.named_metrics for name in (metric, f"{metric}_se")]
     return (*study.metrics.keep, *wanted, *(() if worst is None else (worst.metric,)))

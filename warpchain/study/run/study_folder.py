@@ -1,8 +1,7 @@
 """A study's folder: what is to be run, which shards are done, and how their rows ended.
 
-docs/running-studies.md lists its files: study.toml, drive.toml, design.parquet and plan.json are the plan, a shard is
-done when shards/NNNNN.parquet is there. Growing adds study.K.toml, design.K.parquet and plan.K.json, K = 1, 2, ...
-Every file appears whole, so that any process can end at any time, and several may work in one folder.
+docs/running-studies.md lists its files. Each appears whole, so that processes can end at any time, and several may work
+in one folder.
 """
 
 from __future__ import annotations
@@ -37,21 +36,17 @@ if TYPE_CHECKING:
     from warpchain.study.spec import Study
 
 ARCHIVE_MARK = "study.json"
-"""Name of an archive's attachment on its study and shard."""
 DRIVE_TEXT_FILE = "drive-text.toml"
-"""File with the base drive as the user wrote it."""
 REPLICATES_FILE = "replicates.parquet"
 RESUMED_COLUMN = "gone_on"
-"""Column of run states: whether resumed from an earlier run."""
 WORST_SHARD = "worst"
-"""Name of the shard that records the worst variants."""
 RATE_SHARDS = 20
 STATUS_REASONS = 3
 
 
 @dataclass(frozen=True)
 class StudyFolder:
-    """A study's folder with its plans, files and shards."""
+    """Folder of a study with its plans, files and shards."""
 
     path: Path
     rows: int
@@ -61,30 +56,30 @@ class StudyFolder:
 
     @cached_property
     def study(self) -> Study:
-        """Study, from its file in the folder."""
+        """Study read from the folder."""
         from warpchain.study.spec import load_study
 
         return load_study(self.path / plan_file_name("study.toml", self.plan_count - 1))
 
     @cached_property
     def base_drive(self) -> Drive:
-        """Base drive from the study's folder."""
+        """Base drive read from the folder."""
         from warpchain.drive import load_drive
 
         return load_drive(self.path / "drive.toml")
 
     @property
     def shard_size(self) -> int:
-        """Number of runs of a shard of the last plan."""
+        """Number of runs a shard of the last plan."""
         return self.plans[-1].shard_size
 
     @property
     def identity(self) -> str:
-        """Digest of the last plan, which tables bear."""
+        """Digest of the folder's last plan, which tables bear."""
         return self.plans[-1].identity
 
     def check_plugins(self) -> None:
-        """Raises StudyError for plug-ins of the last plan that are not loaded, or have changed."""
+        """Raises StudyError for plug-ins not loaded, or changed."""
         if self.plans[-1].plugins is None:
             return
         from warpchain.drive.plugins import missing_plugins
@@ -95,30 +90,30 @@ class StudyFolder:
 
     @property
     def shard_numbers(self) -> Sequence[int]:
-        """Numbers of all shards of the folder."""
+        """Numbers of the folder's shards."""
         return [shard for part in self.plans for shard in part.shard_numbers]
 
     @property
     def run_count(self) -> int:
-        """Number of runs of all shards."""
+        """Number of runs in the folder's shards."""
         return sum(part.run_count for part in self.plans)
 
     @property
     def copies(self) -> int:
-        """Number of runs of each row."""
+        """Number of runs of each row in the folder."""
         return self.study.design.copies
 
     def plan_of_shard(self, shard: int) -> ShardPlan:
-        """Plan that a shard belongs to."""
+        """Plan to which a shard of the folder belongs."""
         return next(part for part in self.plans if shard in part.shard_numbers)
 
     @property
     def results_path(self) -> Path:
-        """Path of the study's table."""
+        """Path of the study's results table."""
         return self.path / "results.parquet"
 
     def table_path(self, shard: int | str) -> Path:
-        """Path of the table of a done shard."""
+        """Path of a shard's table."""
         return self.path / "shards" / f"{shard_name(shard)}.parquet"
 
     def archive_path(self, shard: int | str) -> Path:
@@ -139,15 +134,15 @@ class StudyFolder:
         return [(name, part.identity) for name, part in zip(names, self.plans, strict=False)]
 
     def states_path(self, shard: int) -> Path:
-        """Path of a shard's end states."""
+        """Path of a shard's table of end states."""
         return self.path / "shards" / f"{shard_name(shard)}.states.parquet"
 
     def is_done(self, shard: int | str) -> bool:
-        """Whether a shard's table is there."""
+        """Whether a shard is done: its table is there."""
         return self.table_path(shard).exists()
 
     def shard_run_count(self, shard: int) -> int:
-        """Number of runs of a shard."""
+        """Number of runs in a shard."""
         return self.plan_of_shard(shard).shard_run_count(shard)
 
     def shard_runs(self, shard: int) -> tuple[Indices, Indices]:
@@ -155,7 +150,7 @@ class StudyFolder:
         return self.plan_of_shard(shard).shard_runs(shard)
 
     def read_design(self) -> pa.Table:
-        """Design table read from the folder."""
+        """Design table read from the study's folder."""
         name = plan_file_name("design.parquet", self.plan_count - 1)
         check_plan_file(self.path, self.plans[-1].digests, name)
         table = read_table(self.path / name)
@@ -164,7 +159,7 @@ class StudyFolder:
         return table
 
     def read_shard(self, shard: int | str, columns: list[str] | None = None) -> pa.Table:
-        """Table read of a shard."""
+        """Table of a shard read from the study's folder."""
         path = self.table_path(shard)
         identity = self.plan_of_shard(shard).identity if isinstance(shard, int) else self.identity
         table = read_table(path, columns, identity or None)
@@ -179,7 +174,7 @@ class StudyFolder:
         )
 
     def write_table(self, path: Path, table: pa.Table, shard: int | None = None) -> None:
-        """Writes a study's or shard's table."""
+        """Writes a study's or a shard's table."""
         if shard is None:
             write_table(path, table, study=self.identity)
         else:
@@ -188,19 +183,19 @@ class StudyFolder:
             )
 
     def archive_mark(self, shard: int | str) -> dict[str, bytes]:
-        """Attachment of a shard's archive on its study and shard."""
+        """Attachment of a shard's archive on study and shard."""
         identity = self.plan_of_shard(shard).identity if isinstance(shard, int) else self.identity
         return {ARCHIVE_MARK: json.dumps({"study": identity, "shard": shard_name(shard)}).encode()}
 
     def _expected_mark(self, stem: str) -> dict[str, str]:
-        """Mark that an archive of this name must have."""
+        """Mark that an archive of this name must bear."""
         identities = dict(self.earlier_worst_shards) | {
             shard_name(shard): self.plan_of_shard(shard).identity for shard in self.shard_numbers
         }
         return {"study": identities.get(stem, self.identity), "shard": shard_name(stem)}
 
     def check_archive(self, name: str) -> None:
-        """Raises StudyError for another study's archive in the folder."""
+        """Raises StudyError for another study's archive."""
         from warpchain.archive import read_archive
 
         check_archive_name(name)
@@ -216,7 +211,7 @@ class StudyFolder:
             )
 
     def directly_recorded(self) -> frozenset[int]:
-        """Variants that are recorded when first simulated."""
+        """Numbers of variants that are recorded when first simulated."""
         record = self.study.record
         every = range(0, self.rows, record.every) if record.every is not None else ()
         return frozenset(every) | frozenset(record.variants)
@@ -228,7 +223,7 @@ def shard_name(shard: int | str) -> str:
 
 
 def make_folder(path: Path, study: Study, drive: Drive, design: pa.Table, shard: int) -> StudyFolder:
-    """Study folder, made or opened.
+    """Study folder made, or opened if there.
 
     Args:
         shard: runs of a shard in a new folder.
@@ -271,7 +266,7 @@ def differing_tables(known: Study, other: Study) -> list[str]:
 
 
 def open_folder(path: Path) -> StudyFolder:
-    """Study folder, opened.
+    """Study folder opened.
 
     Raises:
         StudyError: there is none, or it is damaged.
@@ -339,7 +334,7 @@ def _variant_rate(folder: StudyFolder, done: Sequence[int]) -> float | None:
 
 
 def _resumed_counts(folder: StudyFolder) -> tuple[int, int] | None:
-    """Numbers of resumed runs, and of those begun anew."""
+    """Numbers of runs resumed and begun anew, or None."""
     if not folder.earlier_plans:
         return None
     done = [shard for shard in folder.shard_numbers if folder.is_done(shard)]

@@ -1,7 +1,4 @@
-"""Today's design: the base drive as it is, as rows of a study, to be compared with other designs.
-
-The column `TODAY_COLUMN` marks its rows: true where they were added to the design, false where the design has them.
-"""
+"""Today's design: the base drive as it is, as rows of a study, to be compared with other designs."""
 
 from __future__ import annotations
 
@@ -22,7 +19,7 @@ if TYPE_CHECKING:
 
 
 def row_of_drive(study: Study, drive: Drive, name: object) -> dict[str, Any]:
-    """Row, values by design factor, that changes nothing.
+    """Row of design factors' values as they are in a drive.
 
     Raises:
         StudyError: a factor has no such value.
@@ -44,7 +41,7 @@ def row_of_drive(study: Study, drive: Drive, name: object) -> dict[str, Any]:
 
 
 def _is_unchanged(study: Study, drive: Drive, row: dict[str, Any]) -> bool:
-    """Whether factor values leave a drive as it is."""
+    """Whether a row leaves the drive as it is."""
     try:
         return drive_of_row(study, drive, row) == drive
     except WarpchainError:
@@ -52,7 +49,7 @@ def _is_unchanged(study: Study, drive: Drive, row: dict[str, Any]) -> bool:
 
 
 def rows_with_today(study: Study, drive: Drive, rows: Sequence[Row], name: object) -> list[dict[str, Any]]:
-    """Design rows with today's design marked or added.
+    """Design rows with today's design marked, or added.
 
     Raises:
         StudyError: as of `row_of_drive`.
@@ -72,7 +69,7 @@ def rows_with_today(study: Study, drive: Drive, rows: Sequence[Row], name: objec
 
 
 def design_with_today(study: Study, drive: Drive, design: pa.Table, name: object) -> pa.Table:
-    """Design table with the rows of today's design, as `rows_with_today`."""
+    """Design table with today's design marked, or added."""
     if not study.design.today:
         return design
     given = [factor.name for factor in study.factors if factor.value_source != "expression"]

@@ -1,7 +1,4 @@
-"""Tables of a study file for calibrations: measurements on a rig, and settings.
-
-The unknowns are the study's noise factors, and their distributions the priors.
-"""
+"""Tables of a study file for calibrations: measurements on a rig, and settings. The unknowns are the noise factors."""
 
 from __future__ import annotations
 
@@ -37,7 +34,7 @@ _BANDS_HELP = "must be a list of bands [low, high] in Hz, 0 <= low < high"
 
 
 class Measurement(Part):
-    """A value that was measured, a metric's, or a signal.
+    """Value of a metric, or a signal, that was measured on a rig.
 
     Attributes:
         metric: name of the metric that was measured.
@@ -81,14 +78,14 @@ class Measurement(Part):
 
     @classmethod
     def _unit(cls, key: str, values: Mapping[str, Any]) -> str:
-        """Unit of numbers of a measurement's key."""
+        """Unit of a number in a measurement's key."""
         if key == "bands":
             return "Hz"
         return metric_unit(node_value(values, "metric")) if key in cls._quantities else ""
 
     @classmethod
     def _rules(cls, node: Any) -> Iterable[Problem]:
-        """Problems of a measurement's keys: metric or signal."""
+        """Problems of a measurement's keys."""
         if (node_value(node, "metric") is None) == (node_value(node, "signal") is None):
             yield Problem(("metric",), node_value(node, "metric"), "give metric and value, or signal and file", BARE)
             return
@@ -117,7 +114,7 @@ class Calibrate(Part):
         count: runs of the first round, spread over the priors.
         batch: runs of each further round, drawn from the posterior so far.
         rounds: further rounds.
-        predict: metrics that are predicted by prior and posterior; none takes those that were measured.
+        predict: metrics predicted by prior and posterior; none takes those measured.
         model_error: standard deviation of what the model itself misses, in parts of each value.
         seed: seed of everything that is drawn.
     """
@@ -131,7 +128,7 @@ class Calibrate(Part):
 
 
 def calibration_rules(node: Any) -> Iterator[Problem]:
-    """Problems of a study's measurements and unknowns."""
+    """Problems of a study's measurements and of its unknowns."""
     measured = node_list(node, "measured")
     if node_value(node, "calibrate") is not None and not measured:
         yield Problem(("measured",), None, "missing; calibrate needs at least one measured value or signal", BARE)

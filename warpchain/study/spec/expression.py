@@ -1,7 +1,4 @@
-"""Arithmetic expressions in study files: numbers, names of factors, operators and a few functions.
-
-Python's parser reads the text, and a whitelist of its syntax tree is evaluated.
-"""
+"""Arithmetic expressions in study files: numbers, names of factors, operators and a few functions."""
 
 from __future__ import annotations
 
@@ -62,7 +59,7 @@ class _ExpressionError(Exception):
 
 @dataclass(frozen=True)
 class Expression:
-    """A parsed arithmetic expression."""
+    """Arithmetic expression, parsed."""
 
     text: str
     names: tuple[str, ...]  # that are neither functions nor constants, in order
@@ -107,7 +104,7 @@ def parse_expression(text: str) -> Expression:
 
 
 def _names_in_tree(node: ast.AST) -> list[str]:
-    """Names of factors in an expression's tree, if arithmetic."""
+    """Names in an expression's tree; raises if not arithmetic."""
     if isinstance(node, ast.Name):
         if node.id in FUNCTIONS:
             raise _ExpressionError(f"{node.id} is a function: write {node.id}(...)")
@@ -139,7 +136,7 @@ def _names_in_tree(node: ast.AST) -> list[str]:
 
 
 def _tree_value(node: ast.expr, values: Mapping[str, Any]) -> Any:
-    """Value of a syntax tree that `_names_in_tree` accepts."""
+    """Value of an expression's tree, already checked."""
     match node:
         case ast.Constant():
             return node.value
@@ -181,14 +178,14 @@ def _tree_value(node: ast.expr, values: Mapping[str, Any]) -> Any:
 
 
 def _checked_number(value: Any) -> Any:
-    """Value of an expression, if a number or switch."""
+    """Value of an expression; raises if no number or switch."""
     if not isinstance(value, (bool, int, float)):
         raise _ExpressionError(f"{value!r} is not a number")
     return value
 
 
 def _bounded_power(base: Any, exponent: Any) -> Any:
-    """Power in an expression, whole only if small."""
+    """Power in an expression; raises for large whole ones."""
     if isinstance(base, int) and isinstance(exponent, int) and 0 <= exponent <= 16 and abs(base) <= 10**4:
         return base**exponent
     return math.pow(base, exponent)

@@ -33,26 +33,25 @@ from warpchain.study.spec.expression import RESERVED_NAMES
 FORBIDDEN_NAMES = frozenset(RESERVED_NAMES) | frozenset(BOOKKEEPING_COLUMNS) | {"shard", "and", "or", "not"}
 _IDENTIFIER = re.compile(r"[A-Za-z_][A-Za-z0-9_]*")
 AUTO_STEP = "auto"
-"""Text among numbers of a choice: an automatic step."""
 NAME_HELP = "must be a word of letters, digits and underscores that is no function, constant or column of the results"
 
 
 def _check_factor_name(value: str) -> str:
-    """Factor name, refused if no identifier or forbidden."""
+    """Factor name; raises for no identifier or a taken one."""
     if not _IDENTIFIER.fullmatch(value) or value in FORBIDDEN_NAMES:
         raise ValueError("not a word")
     return value
 
 
 def _check_distinct(values: tuple[Any, ...]) -> tuple[Any, ...]:
-    """Factor values, refused unless two or more and distinct."""
+    """Factor values; raises unless two or more and distinct."""
     if len(set(values)) < max(2, len(values)):
         raise ValueError("not distinct")
     return values
 
 
 def _check_one_type(values: tuple[Any, ...]) -> tuple[Any, ...]:
-    """Factor values, refused if of several types or repeated."""
+    """Factor values; raises if repeated or of several types."""
     kinds = {
         float if isinstance(value, (int, float)) and not isinstance(value, bool) else type(value)
         for value in values
@@ -124,26 +123,25 @@ class Factor(Part):
     Attributes:
         name: its column in the results, and its name in expressions.
         path: key path into the drive, such as "sprockets.camshaft.load.torque".
-        paths: key paths that all take the same value, instead of `path`; neither for a quantity that only expressions
-            use.
-        shift: key path of a guide-bar or a sprocket that the factor moves by its value [m], such as "guides.upper".
-        along: direction in which it moves; "normal" is a guide-bar's, towards the chain (default).
+        paths: key paths that all take the value, instead of `path`; neither for a quantity that only expressions use.
+        shift: key path of a guide-bar or sprocket that is moved by the value [m], such as "guides.upper".
+        along: direction of the shift; "normal" is a guide-bar's, towards the chain (default).
         relative: the value multiplies the drive's own.
         offset: the value is added to the drive's own.
         hidden: varied, but no factor of the results: what it does is scatter.
         kind: "design", what an engineer chooses (default), or "noise", what nobody can: designs are compared over it.
         distribution: "uniform", "log-uniform", "normal", "truncated-normal", "lognormal" or "empirical".
         range: (low, high): the ends of a distribution, or of a grid.
-        mean, std: those of a normal distribution, or a lognormal one (of the value, not of its logarithm).
-        sample: numbers that were measured, each as likely, of an empirical distribution.
+        mean, std: those of a normal or lognormal distribution (of the value, not of its logarithm).
+        sample: measured numbers of an empirical distribution, each as likely.
         file, column: a CSV or Parquet file, relative to the study file, and its column that holds them instead.
         levels: numbers in the order of a grid.
         choice: numbers, texts or switches without an order.
         expression: arithmetic of other factors.
         integer: whether values are rounded to whole numbers; of a uniform range, each is as likely.
-        points: number of grid points between the ends of the range, for a full factorial design.
+        points: number of grid points between the range's ends, for a full factorial design.
         group: factors of one group vary together, as one dimension of the design.
-        unit: unit of the values, for tables and figures; None is that of the path.
+        unit: unit of the values in tables and figures; None is that of the path.
     """
 
     _quantities: ClassVar[frozenset[str]] = frozenset({"range", "mean", "std", "sample", "levels", "choice"})
@@ -179,19 +177,19 @@ class Factor(Part):
 
     @classmethod
     def _unit(cls, key: str, values: Mapping[str, Any]) -> str:
-        """Unit of numbers of a factor's key."""
+        """Unit of a number in a factor's key."""
         if key not in cls._quantities:
             return ""
         return factor_unit(values) or ("-" if node_value(values, "relative") is True else "")
 
     @property
     def value_source(self) -> str | None:
-        """Source of the factor's values: distribution, levels, choice, expression."""
+        """Source of the factor's values, such as "levels"."""
         return value_source_of(self)
 
     @property
     def listed_values(self) -> tuple[Any, ...] | None:
-        """Values of the factor's `levels` or `choice`, or None."""
+        """Levels or choices of the factor, or None."""
         return self.levels if self.levels is not None else self.choice
 
     def cells_from_values(self, values: Iterable[Any]) -> list[Any]:
@@ -199,12 +197,12 @@ class Factor(Part):
         return [str(value) for value in values] if self._has_auto_step else list(values)
 
     def value_from_cell(self, cell: Any) -> Any:
-        """Value of the factor from a cell of its column."""
+        """Value of the factor from a table's cell."""
         return {str(value): value for value in self.choice or ()}.get(cell, cell) if self._has_auto_step else cell
 
     @property
     def _has_auto_step(self) -> bool:
-        """Whether the factor is a choice of numbers and "auto"."""
+        """Whether the factor's choice has numbers and "auto"."""
         return self.choice is not None and AUTO_STEP in self.choice and not all(isinstance(v, str) for v in self.choice)
 
     def target_paths(self) -> Iterator[tuple[str, str]]:
@@ -235,7 +233,7 @@ class Factor(Part):
 
 
 def _target_unit(node: Any) -> str:
-    """Unit of the places that a factor sets, or ""."""
+    """Unit of what a factor sets, or ""."""
     if node_value(node, "shift") is not None:
         return "m"
     paths = [path for path in (node_value(node, "path"), *node_list(node, "paths")) if isinstance(path, str)]
@@ -250,7 +248,7 @@ def factor_unit(node: Any) -> str:
 
 
 def value_source_of(node: Any) -> str | None:
-    """Source of the values of a factor or mapping."""
+    """Source of values of a factor or mapping."""
     for key in ("expression", "levels", "choice"):
         if node_value(node, key) is not None:
             return key
@@ -261,7 +259,7 @@ def value_source_of(node: Any) -> str | None:
 
 
 def _target_rules(node: Any) -> Iterator[Problem]:
-    """Problems of the places that a factor sets or shifts."""
+    """Problems of a factor's targets in the drive."""
     shift, placed = node_value(node, "shift"), node_value(node, "path") is not None or bool(node_value(node, "paths"))
     if shift is not None and placed:
         yield Problem(("shift",), shift, "not together with path; give one of the two")

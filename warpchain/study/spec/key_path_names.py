@@ -1,4 +1,4 @@
-"""Names of key paths of a study file in messages: entries of lists go by their own names, not by an index."""
+"""Names of key paths of a study file in messages: entries of lists go by their own names."""
 
 from __future__ import annotations
 
@@ -18,22 +18,16 @@ _ENTRY_NOUNS = {
     "bounds": ("limit", "limit on"),
     "measured": ("measurement", "measurement of"),
 }
-"""Nouns for an entry of a study's lists."""
 _NAME_KEYS = {"factors": "name", "adjust": "chain"}
-"""Keys of entries whose values stand in key paths."""
 
 
 def key_path_namer(study: Any) -> Callable[[Sequence[str | int]], str]:
-    """Function that names a study's key paths in messages.
-
-    An entry goes by its own name, `factors.torque.range`, or if that is repeated or missing by number, `limit 2:
-    metric`.
-    """
+    """Function that names key paths: `factors.torque.range`, `limit 2: metric`."""
     values = fields_from_file(study)
     known: dict[str, Counter[str]] = {}
 
     def key_path_name(path: Sequence[str | int]) -> str:
-        """Name of a study's key path for messages."""
+        """Name of a study's key path in messages."""
         head, number, *rest = str(path[0]), *(path[1:] or ("",))
         entries = node_list(values, head)
         if head not in _ENTRY_NOUNS or not isinstance(number, int):
@@ -64,7 +58,7 @@ def _key_path_text(*keys: str | int) -> str:
 
 
 def _entry_name(head: str, entry: Any) -> tuple[str, str]:
-    """Key that a list's entry goes by, and its value."""
+    """Key that names a list's entry, and its value."""
     if head in _NAME_KEYS:
         name = node_value(entry, _NAME_KEYS[head])
         return _NAME_KEYS[head], name if is_name(name) else ""

@@ -1,7 +1,4 @@
-"""Table `noise` of a study file, and names of statistics of metrics over it: "mean(M)", "std(M)", "q95(M)".
-
-A metric alone means its mean if it is an objective; a limit on it is one that each run keeps.
-"""
+"""Table `noise` of a study file, and names of statistics of metrics over it: "mean(M)", "std(M)", "q95(M)"."""
 
 from __future__ import annotations
 
@@ -31,12 +28,11 @@ RankMatrix = Annotated[
     tuple[_RankRow, ...], BeforeValidator(plain_sequence), Value("must be a list of lists of numbers from -1 to 1")
 ]
 LEAST_EIGENVALUE = 1e-9
-"""Least eigenvalue of a positive definite correlation matrix."""
 
 
 @dataclass(frozen=True)
 class Statistic:
-    """A statistic of a metric over noise."""
+    """Statistic of a metric over noise."""
 
     word: str  # "mean", "std", or a quantile as written, such as "q95"
     metric: str
@@ -52,7 +48,7 @@ def statistic_from_name(name: str) -> Statistic | None:
 
 
 def metric_from_name(name: str) -> str:
-    """Metric that a name such as "q95(M)" or "M" states."""
+    """Metric in a name such as "q95(M)" or "M"."""
     found = statistic_from_name(name)
     return name if found is None else found.metric
 
@@ -76,7 +72,7 @@ class Noise(Part):
 
     @classmethod
     def _rules(cls, node: Any) -> Iterable[Problem]:
-        """Problems of the rank correlations in the table `noise`."""
+        """Problems of rank correlations in the table `noise`."""
         names, ranks = node_list(node, "correlated"), node_list(node, "ranks")
         if not names and not ranks:
             return
@@ -122,7 +118,7 @@ def _least_eigenvalue(matrix: Any) -> float:
 
 
 def _is_correlation_matrix(ranks: Any, size: int) -> bool:
-    """Whether a list's rows are a correlation matrix."""
+    """Whether lists are a correlation matrix of this size."""
     if len(ranks) != size or any(
         not isinstance(r, (list, tuple)) or len(r) != size or not are_numbers(*r) for r in ranks
     ):
@@ -132,12 +128,12 @@ def _is_correlation_matrix(ranks: Any, size: int) -> bool:
 
 
 def normal_from_rank_correlation(ranks: Any) -> Any:
-    """Normal from rank correlations, 2 sin(pi r / 6) (Pearson 1907)."""
+    """Correlation of normals from that of ranks (Pearson 1907)."""
     return 2.0 * np.sin(np.pi * ranks / 6.0)
 
 
 def noise_factor_names(node: Any) -> tuple[str, ...]:
-    """Names of a study's noise factors, and of their dependents."""
+    """Names of noise factors and their dependents."""
     found = [
         str(node_value(factor, "name")) for factor in node_list(node, "factors") if node_value(factor, "kind") == NOISE
     ]
@@ -196,7 +192,7 @@ def noise_table_rules(node: Any) -> Iterator[Problem]:
 
 
 def _correlation_rules(node: Any, factors: list[Any]) -> Iterator[Problem]:
-    """Problems of the names in `noise.correlated`."""
+    """Problems of names in `noise.correlated`."""
     groups = {str(node_value(f, "name")): node_value(f, "group") for f in factors}
     free = [name for name, group in groups.items() if group is None]
     known = list(dict.fromkeys(name if group is None else str(group) for name, group in groups.items()))
@@ -213,7 +209,7 @@ def _correlation_rules(node: Any, factors: list[Any]) -> Iterator[Problem]:
 
 
 def factor_with_sample(factor: Factor, folder: Path) -> Factor:
-    """Factor with the sample read from its file."""
+    """Empirical factor with the sample read from its file."""
     from warpchain.study.store import read_table
 
     if factor.file is None or factor.column is None:

@@ -1,8 +1,4 @@
-"""Study file as data: base drive, factors, design, constraints, run settings, what to keep; TOML in and out.
-
-Rules that tie tables together take the study, or the mapping that should become one. The keys are documented in
-`docs/studies.md`.
-"""
+"""Study file as data: base drive, factors, design, constraints, run settings, what to keep; TOML in and out."""
 
 from __future__ import annotations
 
@@ -63,14 +59,14 @@ def factor_count_complaint(study: Any) -> str:
 
 
 def _factor_paths(factor: Any) -> list[str]:
-    """Key paths into the drive that a factor sets."""
+    """Key paths of drive values that a factor sets."""
     paths = node_value(factor, "paths")
     found = [node_value(factor, "path"), *(paths if isinstance(paths, (list, tuple)) else ())]
     return [path for path in found if isinstance(path, str)]
 
 
 def fatigue_rules(node: Any) -> Iterator[Problem]:
-    """Problems of a study's table `fatigue`, which needs recorded tensions."""
+    """Problems of a study's table `fatigue`."""
     record = node_value(node, "record")
     if node_value(node, "fatigue") is None:
         return
@@ -82,7 +78,7 @@ def fatigue_rules(node: Any) -> Iterator[Problem]:
 
 
 def factor_name_rules(node: Any) -> Iterator[Problem]:
-    """Problems of factors' names, places and uses."""
+    """Problems of factors' names, targets and uses."""
     factors = node_list(node, "factors")
     if node_value(node, "factors") is not None and not factors:
         yield Problem(("factors",), node_value(node, "factors"), "must be a list of at least 1 factor")
@@ -110,7 +106,7 @@ def factor_name_rules(node: Any) -> Iterator[Problem]:
 
 
 def _expression_texts(node: Any) -> Iterator[tuple[tuple[str | int, ...], str]]:
-    """Key path and text of every expression of a study."""
+    """Key path and text of each expression in a study."""
     for i, factor in enumerate(node_list(node, "factors")):
         yield ("factors", i, "expression"), node_value(factor, "expression")
     for i, constraint in enumerate(node_list(node, "constraints")):
@@ -151,7 +147,7 @@ def expression_rules(node: Any) -> Iterator[Problem]:
 
 
 def _expression_dependencies(name: str, needs: Mapping[str, tuple[str, ...]]) -> set[str]:
-    """Names of all factors that a factor's expression depends on."""
+    """Names of all factors that a factor's expression needs."""
     reached: set[str] = set()
     front = list(needs[name])
     while front:
@@ -182,7 +178,7 @@ def design_rules(node: Any) -> Iterator[Problem]:
 
 
 def _design_factor_rules(i: int, factor: Any, given: str | None, kind: Any) -> Iterator[Problem]:
-    """Problems of one factor's values with the kind of design."""
+    """Problems of one factor with the kind of design."""
     values = node_value(factor, str(given)) if given in ("levels", "choice") else None
     if values is not None and not isinstance(values, (list, tuple)):
         return  # its own rule says so
@@ -199,7 +195,7 @@ def _design_factor_rules(i: int, factor: Any, given: str | None, kind: Any) -> I
 
 
 def _listed_count(factor: Any) -> Any:
-    """Number of a factor's levels, choices or grid points."""
+    """Number of a factor's listed values or grid points."""
     values = node_value(factor, "levels") or node_value(factor, "choice")
     return len(values) if isinstance(values, (list, tuple)) else node_value(factor, "points")
 
@@ -244,7 +240,7 @@ class Study(Part):
         run: run settings.
         metrics: which metrics are kept.
         record: which variants are recorded in full.
-        fatigue: Woehler curve of a link; with it, recorded variants have the objectives of `results.objectives`.
+        fatigue: Woehler curve of a link, which adds the objectives of `results.objectives` to recorded variants.
         limits: what a variant may come to and still be ok.
         objectives: what should be small or large.
         bounds: limits on metrics, the entries of a list `limits` that name one.
@@ -255,7 +251,7 @@ class Study(Part):
         noise: rows of noise, and the share of them in which limits must be kept.
 
     Raises:
-        DriveError: with one line for each value that is wrong (`load_study` makes it a StudyError).
+        DriveError: a line for each value that is wrong (`load_study` makes it a StudyError).
     """
 
     study: Subject
@@ -278,7 +274,7 @@ class Study(Part):
 
     @property
     def named_metrics(self) -> tuple[str, ...]:
-        """Metrics and factors that objectives, limits and a calibration name."""
+        """Metrics and factors in objectives, limits and calibration."""
         named = [*(objective.metric for objective in self.objectives), *(bound.metric for bound in self.bounds)]
         named += [of.metric for of in self.measured if of.metric is not None]
         named += self.calibrate.predict if self.calibrate is not None else ()
@@ -286,29 +282,29 @@ class Study(Part):
 
     @property
     def noise_names(self) -> tuple[str, ...]:
-        """Names of the study's noise factors, and of their dependents."""
+        """Names of the study's noise factors and their dependents."""
         return noise_factor_names(self)
 
     @property
     def design_study(self) -> Study:
-        """Study with its design factors alone; itself without noise."""
+        """Study of the design factors alone; itself without noise."""
         noise = self.noise_names
         kept = tuple(factor for factor in self.factors if factor.name not in noise)
         return self if len(kept) == len(self.factors) else self.model_copy(update={"factors": kept})
 
     @property
     def noise_study(self) -> Study:
-        """Study with its noise factors alone."""
+        """Study of the noise factors alone."""
         return self.model_copy(update={"factors": tuple(f for f in self.factors if f.kind == NOISE)})
 
     @classmethod
     def _source(cls) -> str:
-        """Place that messages of a study begin with: none."""
+        """Begin of messages on a study: none."""
         return ""
 
     @classmethod
     def _places(cls, values: Any) -> Callable[[Sequence[str | int]], str]:
-        """Function that names key paths of a study in messages."""
+        """Function that names a study's key paths in messages."""
         return key_path_namer(values)
 
     @classmethod
@@ -368,7 +364,7 @@ def loads_study(text: str, source: str = "<text>") -> Study:
 
 
 def load_study(path: str | os.PathLike[str]) -> Study:
-    """Study read from a study file (TOML, UTF-8).
+    """Study read from a file (TOML, UTF-8).
 
     Raises:
         StudyError: if it cannot be read, or a line for each of its errors.
@@ -395,7 +391,7 @@ def dumps_study(study: Study) -> str:
 
 
 def _plain_values(value: Any) -> Any:
-    """Plain values of a study's part, without empty tables."""
+    """Values of a study's part, without empty tables."""
     if isinstance(value, Part):
         fields = type(value).model_fields
         inner = {name: _plain_values(getattr(value, name)) for name in fields}
@@ -405,7 +401,7 @@ def _plain_values(value: Any) -> Any:
 
 
 def check_base_drive(study: Study, drive: Drive, source: str) -> None:
-    """Raises StudyError where a study does not fit its drive."""
+    """Raises StudyError if a study does not fit its drive."""
     lines = []
     for factor in study.factors:
         for key, path in [*factor.target_paths(), *([("shift", factor.shift)] if factor.shift else [])]:
@@ -438,7 +434,7 @@ def check_base_drive(study: Study, drive: Drive, source: str) -> None:
 
 
 def _adjustment_complaints(key: str, adjust: Adjust, drive: Drive) -> list[str]:
-    """Complaints about the sprocket and chain that an adjustment names."""
+    """Complaints about sprocket and chain of an adjustment."""
     of = {sprocket.name: sprocket.chain for sprocket in drive.sprockets}
     chains, chain = [chain.name for chain in drive.chains], adjust.chain
     if adjust.sprocket is not None and adjust.sprocket not in of:
@@ -457,7 +453,7 @@ def _adjustment_complaints(key: str, adjust: Adjust, drive: Drive) -> list[str]:
 
 
 def _order_complaints(named: Sequence[tuple[str, str, Adjust]], drive: Drive) -> list[str]:
-    """Complaints if an adjustment undoes earlier ones."""
+    """Complaints about adjustments that undo earlier ones."""
     *earlier, (key, _, adjust) = named
     shafts = [shaft_of_sprocket(sprocket) for sprocket in drive.sprockets if sprocket.name == adjust.sprocket]
     moved = [sprocket for sprocket in drive.sprockets if shaft_of_sprocket(sprocket) in shafts]

@@ -1,7 +1,7 @@
 """Smaller tables of a study file: design, constraints, run settings, metrics, recording, objectives, limits.
 
-In files, `limits` is a table, the limits that a variant must keep to be ok, or a list: entries with `metric` are limits
-on metrics (`Study.bounds`), the others together are that table.
+In files, `limits` is a table, or a list: entries with `metric` are limits on metrics (`Study.bounds`), the others that
+table.
 """
 
 from __future__ import annotations
@@ -90,7 +90,7 @@ class Design(Part):
         center: number of center rows of a central composite or Plackett-Burman design.
         replicates: how often each row is run, begun in different ways; None is once.
         replicate_by: "build", "phase" or "perturbation" (`warpchain.drive.replicates`); None is "build".
-        today: also run the base drive as it is, today's design, so that pages show it beside the others.
+        today: also run the base drive as it is, today's design, for pages to show beside the others.
     """
 
     kind: Annotated[Literal[*DESIGN_KINDS], Value(_KINDS_HELP)]  # type: ignore[valid-type]
@@ -110,12 +110,12 @@ class Design(Part):
 
     @property
     def copies(self) -> int:
-        """Number of runs of each row."""
+        """Number of runs of each design row."""
         return self.replicates or 1
 
     @property
     def replicate_way(self) -> str:
-        """Way in which runs of a row differ."""
+        """Way in which a row's replicates differ."""
         return self.replicate_by or REPLICATE_WAYS[0]
 
     @classmethod
@@ -158,7 +158,7 @@ _COMPARISON_MARKS = ("<=", ">=", "==", "!=", "<", ">")
 
 
 def condition_without_units(text: str, units: Mapping[str, str]) -> tuple[str, str]:
-    """Condition in plain numbers for quantities, and a complaint."""
+    """Condition in plain numbers, and a complaint or ""."""
     words = _CONDITION_MARKS.split(text)
     for k in range(0, len(words), 2):
         match = match_quantity(words[k].strip())
@@ -187,8 +187,7 @@ class Adjust(Part):
         direction: direction of that line.
         travel: farthest that it moves either way [m]; None is four pitches.
         links: "even" or "any": the number of links is chosen first, the nearest that fits.
-        chain: name of the chain that is adjusted, where there are several; None is that of the sprocket, where no other
-            is adjusted.
+        chain: name of the adjusted chain, where there are several; None is the sprocket's, where no other is adjusted.
         strain: wanted strain at assembly [-]; this or preload.
         preload: wanted tension at assembly [N]; a number, or an expression of factors.
     """
@@ -222,14 +221,14 @@ class Adjust(Part):
 
 
 def named_adjustments(adjusts: Sequence[Adjust]) -> list[tuple[str, str, Adjust]]:
-    """Adjustments with their keys and column prefixes."""
+    """Key path, column prefix and adjustment, for each."""
     if len(adjusts) == 1:
         return [("adjust", "", adjusts[0])]
     return [(f"adjust.{adjust.chain}", f"{adjust.chain}.", adjust) for adjust in adjusts]
 
 
 def adjustment_columns(adjusts: Sequence[Adjust]) -> list[str]:
-    """Names of the columns that adjustments add to a study's table."""
+    """Names of the columns that adjustments add to results."""
     count, travel = ADJUSTMENT_COLUMNS
     asked = [(before, adjust.links, adjust.sprocket) for _, before, adjust in named_adjustments(adjusts)]
     return [
@@ -241,7 +240,7 @@ def adjustment_columns(adjusts: Sequence[Adjust]) -> list[str]:
 
 
 def adjustment_rules(node: Any) -> Iterator[Problem]:
-    """Problems of several adjustments' chains."""
+    """Problems of the chains that adjustments name."""
     adjusts = node_list(node, "adjust")
     chains: list[Any] = []
     for k, adjust in enumerate(adjusts if len(adjusts) > 1 else ()):
@@ -291,7 +290,7 @@ class Keep(Part):
 
     Attributes:
         keep: names of metrics; `*` and `?` match any letters, one letter.
-        modes: how many modes of the base drive at rest are followed, the lowest ones; None is none.
+        modes: how many of the base drive's lowest modes at rest are followed; None is none.
     """
 
     keep: Annotated[Texts, Field(min_length=1)] = ("*",)
@@ -318,9 +317,9 @@ class Recording(Part):
     Attributes:
         variants: their numbers.
         every: every k-th, from 0.
-        worst: those with the most extreme value of a metric, simulated a second time when all are known.
+        worst: those with the most extreme value of a metric, simulated again when all are known.
         rate: samples a second of simulated time [Hz]; None is each drive's own.
-        channels: names of `warpchain.results.channels.CHANNEL_NAMES`; those on request only where they are named.
+        channels: names of `warpchain.results.channels.CHANNEL_NAMES`; those on request only where named.
     """
 
     variants: WholeNumbers = ()
@@ -331,7 +330,7 @@ class Recording(Part):
 
     @classmethod
     def _rules(cls, node: Any) -> Iterable[Problem]:
-        """Problems of the recorded channels' names."""
+        """Problems of names of recorded channels."""
         for i, channel in enumerate(node_list(node, "channels")):
             if channel not in CHANNEL_NAMES:
                 yield Problem(("channels", i), channel, f"must be one of {', '.join(CHANNEL_NAMES)}")
@@ -434,7 +433,6 @@ class Risk(Part):
 
 _BOUND_KEYS = ("metric", "min", "max")
 _METRIC_LISTS = {"objectives": "objectives", "bounds": "limits"}
-"""Lists of objectives and limits in study files."""
 
 
 def _is_bound_entry(entry: Any) -> bool:
@@ -443,7 +441,7 @@ def _is_bound_entry(entry: Any) -> bool:
 
 
 def fields_from_file(values: Any) -> Any:
-    """Fields of `Study` from a study file's values."""
+    """Fields of a `Study` from a study file's values."""
     if not isinstance(values, Mapping):
         return values
     adjust = values.get("adjust", ())
@@ -460,7 +458,7 @@ def fields_from_file(values: Any) -> Any:
 
 
 def file_from_fields(values: dict[str, Any]) -> dict[str, Any]:
-    """Values for a study file from the fields of `Study`."""
+    """Values of a study file from a `Study`'s fields."""
     if len(values.get("adjust", ())) == 1:
         values = {**values, "adjust": values["adjust"][0]}
     if not values.get("bounds"):

@@ -1,6 +1,6 @@
 """Gaussian process with noise (Rasmussen and Williams 2006, ch. 2 and 5), by scikit-learn.
 
-With values y of mean m and deviation s, z = (y - m) / s has the covariance
+Values of mean m and deviation s, z = (y - m) / s, have the covariance
 
     K = c^2 k(x, x') + (v + e_i^2) delta,      k: Matern 5/2 with a length for each coordinate,              (a)
 
@@ -8,7 +8,7 @@ v a fitted noise, e_i the standard error of row i. The metric, without a run's n
 
     mean k_x' K^-1 z,      variance c^2 - k_x' K^-1 k_x.                                                     (b)
 
-Row i from the others (Dubrule 1983), and draws by Matheron's rule (Wilson et al. 2020), f a sum of cosines, e of noise:
+Row i from the others (Dubrule 1983), and draws (Wilson et al. 2020), f a sum of cosines, e of noise:
 
     z_i - [K^-1 z]_i / [K^-1]_ii,      variance 1 / [K^-1]_ii,                                               (c)
     f(x) + k_x' K^-1 (z - f(X) - e).                                                                         (d)
@@ -32,17 +32,14 @@ from warpchain.extras import require_extra
 from warpchain.study.results import Array
 
 MOST_ROWS, FIT_ROWS = 1000, 150
-"""Most rows of a Gaussian process, and of its fit."""
 RESTARTS, MOST_RESTART_ROWS = 2, 60
-"""Further starts of the lengths' fit, and most rows."""
 COSINES = 512
 ALLOWED_LENGTHS, ALLOWED_NOISES = (0.05, 50.0), (1e-7, 2.0)
-"""Allowed lengths and noises of a Gaussian process."""
 
 
 @cache
 def _linear_algebra_libraries() -> Any:
-    """Controller of linear algebra threads."""
+    """Controller of threads in linear algebra libraries."""
     import sklearn.gaussian_process  # noqa: F401  loads what it calls
     from threadpoolctl import ThreadpoolController
 
@@ -51,7 +48,7 @@ def _linear_algebra_libraries() -> Any:
 
 @contextmanager
 def one_linear_algebra_thread() -> Iterator[None]:
-    """Context with linear algebra on one thread, for reproducible sums."""
+    """Context with one linear algebra thread, for reproducible sums."""
     require_extra("surrogate", "a Gaussian process", StudyError)
     with _linear_algebra_libraries().limit(limits=1), warnings.catch_warnings():
         warnings.simplefilter("ignore")  # lengths at their bound: a factor without effect
@@ -74,7 +71,7 @@ class GaussianProcess:
 
     @property
     def run_variance(self) -> float:
-        """Variance of a further run about the metric."""
+        """Variance of a further run about the process's metric."""
         return self.noise + float(np.mean(self.errors**2))
 
     def predict(self, x: Array) -> tuple[Array, Array]:
@@ -102,7 +99,7 @@ class GaussianProcess:
         noise = np.sqrt(self.noise + self.errors**2) / self.scale
 
         def prior_draws(x: Array) -> Array:
-            """Draws (R, count) of the prior at rows (R, D)."""
+            """Draws (R, count) of the process's prior at rows."""
             return np.asarray(np.cos(x @ frequencies + phases) @ parts)
 
         with one_linear_algebra_thread():
@@ -112,7 +109,7 @@ class GaussianProcess:
             pull = np.column_stack([self.weights, cho_solve((self.factor, True), missed)])
 
         def posterior_draws(x: Array) -> Array:
-            """Mean and draws (R, 1 + count) of the process."""
+            """Mean and draws (R, 1 + count) of the process at rows."""
             with one_linear_algebra_thread():
                 z = self.kernel(x, self.x) @ pull
                 z[:, 1:] += prior_draws(x)
@@ -121,7 +118,7 @@ class GaussianProcess:
         return posterior_draws
 
     def leave_one_out(self) -> tuple[Array, Array]:
-        """Mean and deviation (N,) of rows predicted by others, (c)."""
+        """Mean and deviation (N,) of rows by the others, (c)."""
         with one_linear_algebra_thread():
             inverse = np.diag(cho_solve((self.factor, True), np.eye(len(self.x))))
             mean = self.z - self.weights / inverse
@@ -135,14 +132,14 @@ class GaussianProcess:
 
 
 def _evenly_spaced_rows(rows: int, most: int) -> NDArray[np.intp]:
-    """At most `most` row numbers, evenly spaced."""
+    """Row numbers evenly spaced, at most `most`."""
     return np.unique(np.linspace(0, rows - 1, min(rows, most)).astype(int))
 
 
 def _solved_process(
     x: Array, z: Array, kernel: Any, noise: float, errors: Array, scaling: tuple[float, float]
 ) -> GaussianProcess:
-    """Gaussian process of rows with known kernel and noise."""
+    """Gaussian process with a known kernel and noise."""
     center, scale = scaling
     with one_linear_algebra_thread():
         k = kernel(x)
@@ -160,7 +157,7 @@ def fit_gaussian_process(x: Array, y: Array, errors: Array | None = None, isotro
         errors: (R,) standard errors; NaN takes the mean of those known.
 
     Raises:
-        StudyError: scikit-learn is not installed, or fewer than 4 rows.
+        StudyError: no scikit-learn, or fewer than 4 rows.
     """
     if len(y) < 4:
         raise StudyError(f"Gaussian process: {len(y)} rows, at least 4 are needed")

@@ -1,7 +1,7 @@
 """Sobol' indices of a surrogate, by estimators, and the best way to a metric's indices.
 
-With rows A and B drawn independently, A_i those of A with factor i from B, and f the process's centered mean (Saltelli
-et al. 2010, table 2),
+With rows A and B drawn independently, A_i those of A with factor i from B, f the process's centered mean (Saltelli et
+al. 2010, table 2),
 
     V S_i = mean f(B) (f(A_i) - f(A)),    V T_i = mean (f(A) - f(A_i))^2 / 2,    V = var f(A, B).            (a)
 """
@@ -31,18 +31,16 @@ from warpchain.study.surrogate.surrogate_model import (
 )
 
 SOBOL_ROWS = 1024
-"""Number of rows A."""
 NO_EFFECT_SCATTER = 0.95
-"""Scatter's part of the variance that replicates do not help."""
+"""Scatter's share of the variance that hides all effects."""
 ROW_SETS, SET_DRAWS = 4, 25
-"""Sets of rows, and draws for each set."""
 
 
 def best_indices(results: Results, metric: str, surrogate: Surrogate | None = None) -> tuple[SobolIndices, str]:
-    """Sobol' indices of a metric by the best way.
+    """Sobol' indices of a metric by the best way, and its name.
 
     Raises:
-        StudyError: no Saltelli design nor surrogate that can be trusted, or rows selected by their results.
+        StudyError: no Saltelli design nor trusted surrogate, or rows selected by their results.
     """
     if (left_out := LeftOut(results)).is_unranked(metric):
         lost = f"{int(left_out.left_out_rows.sum())} of {int((~left_out.unbuilt_rows).sum())} variants that ran"
@@ -67,7 +65,7 @@ def best_indices(results: Results, metric: str, surrogate: Surrogate | None = No
 
 
 def _advice_text(results: Results, metric: str) -> str:
-    """Advice on runs if no surrogate predicts a metric."""
+    """Advice on runs if no surrogate gives Sobol' indices."""
     rows = results.usable_rows(metric)
     count = int(rows.sum())
     needed = f"{TRUSTED_R2:g} is needed, and {count} variant{'s are' if count != 1 else ' is'} there"
@@ -84,7 +82,7 @@ def _advice_text(results: Results, metric: str) -> str:
 
 
 def _indices_of_surface(results: Results, metric: str, _: Surrogate | None) -> tuple[SobolIndices, str]:
-    """Sobol' indices of a trusted response surface, and the way."""
+    """Sobol' indices by a trusted response surface, and its name."""
     surface = fit_surface(results, metric)
     quality = f"predicted R\u00b2 = {surface.r2_predicted:.3f}"
     if not surface.is_trusted:
@@ -94,7 +92,7 @@ def _indices_of_surface(results: Results, metric: str, _: Surrogate | None) -> t
 
 
 def _indices_of_process(results: Results, metric: str, surrogate: Surrogate | None) -> tuple[SobolIndices, str]:
-    """Sobol' indices of a trusted Gaussian process, and the way."""
+    """Sobol' indices by a trusted Gaussian process, and its name."""
     model = surrogate or best_surrogate(results, metric)
     if model.kind != "gaussian":
         model = fit_surrogate(results, metric)
@@ -109,7 +107,7 @@ def _indices_of_process(results: Results, metric: str, surrogate: Surrogate | No
 
 
 def surrogate_indices(surrogate: Surrogate, results: Results) -> SobolIndices:
-    """Sobol' indices of a Gaussian process, (a)."""
+    """Sobol' indices of a metric's Gaussian process, (a)."""
     from scipy.stats import qmc
 
     features, process = surrogate.features, surrogate.model
@@ -145,7 +143,7 @@ def surrogate_indices(surrogate: Surrogate, results: Results) -> SobolIndices:
 
 
 def _sampled_factor(results: Results, axis: FactorAxis, units: Array) -> Any:
-    """Values of a factor at cumulated probabilities, for Sobol' indices."""
+    """Factor values at cumulated probabilities, for Sobol' indices."""
     given = results.distribution(axis.name)
     if given is not None:
         return values_from_probabilities(Factor(name="x", **given), units)
@@ -155,7 +153,7 @@ def _sampled_factor(results: Results, axis: FactorAxis, units: Array) -> Any:
 
 
 def _distributions_text(results: Results, factors: tuple[str, ...]) -> str:
-    """Text on the factors' distributions that Sobol' indices are for."""
+    """Text on factors' distributions for which Sobol' indices hold."""
     known = [factor for factor in factors if results.distribution(factor) is not None]
     if len(known) == len(factors):
         return "factors distributed as in the study"

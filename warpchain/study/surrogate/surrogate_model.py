@@ -1,7 +1,6 @@
 """Surrogates of metrics behind one interface: rows of factors in, mean and standard deviation out.
 
-The quadratic surface serves if scikit-learn is not installed or rows are many. With terms t(x), residual variance s^2
-and weights W (Montgomery 2017, 10.5), at x it is normal with
+A quadratic surface, with terms t(x), residual variance s^2 and weights W (Montgomery 2017, 10.5), is normal with
 
     mean t' b,      variance s^2 t' (T' W T)^-1 t,                                                          (a)
 
@@ -27,13 +26,12 @@ if TYPE_CHECKING:
     import pyarrow as pa
 
 SurrogateRows: TypeAlias = "pa.Table | Mapping[str, Sequence[Any]] | Iterable[Mapping[str, Any]]"
-"""Rows as a table, columns by name, or mappings."""
 SURROGATE_KINDS = ("gaussian", "quadratic")
 
 
 @dataclass(frozen=True)
 class FactorAxis:
-    """A factor as coordinates of a surrogate."""
+    """Factor as coordinates of a surrogate."""
 
     name: str
     low: float = 0.0  # becomes 0 of a numeric factor
@@ -46,7 +44,7 @@ class FactorAxis:
         return len(self.words) or 1
 
     def coordinates_of_values(self, column: Sequence[Any]) -> Array:
-        """Surrogate coordinates (R, coordinate_count) of a factor's values (R,)."""
+        """Surrogate coordinates of a factor's values (R,)."""
         if self.words:
             names = [str(value) for value in column]
             for word in sorted(set(names) - set(self.words)):
@@ -69,7 +67,7 @@ class RowCoordinates:
 
     @property
     def factors(self) -> tuple[str, ...]:
-        """Names of the factors that are coordinates."""
+        """Names of the factors that are a surrogate's coordinates."""
         return tuple(axis.name for axis in self.axes)
 
     def of_rows(self, rows: SurrogateRows) -> Array:
@@ -79,7 +77,7 @@ class RowCoordinates:
 
 
 def columns_of_rows(rows: SurrogateRows, names: Iterable[str]) -> dict[str, list[Any]]:
-    """Columns by name of rows in any of their shapes."""
+    """Columns by name of a surrogate's rows."""
     import pyarrow as pa
 
     if isinstance(rows, pa.Table):
@@ -96,7 +94,7 @@ def columns_of_rows(rows: SurrogateRows, names: Iterable[str]) -> dict[str, list
 
 
 def coordinates_of_results(results: Results) -> RowCoordinates:
-    """Surrogate coordinates of a study's rows by varying factors."""
+    """Surrogate coordinates of results' factors that vary."""
     tied = results.factor_ties()
     axes = []
     for name in (factor for factor in results.factors if factor not in tied):
@@ -114,7 +112,7 @@ def coordinates_of_results(results: Results) -> RowCoordinates:
 
 @dataclass(frozen=True)
 class QuadraticFit:
-    """Response surface with what its predictions' variance takes."""
+    """Quadratic surface with what its predictions' variance takes."""
 
     surface: Surface
     x: Array  # (N, A) rows that were fitted
@@ -125,17 +123,17 @@ class QuadraticFit:
     errors: Array | None  # (N,) standard errors
 
     def _surface_terms(self, x: Array) -> Array:
-        """Terms (R, T) of the surface at (R, A)."""
+        """Terms (R, T) of the quadratic surface at rows."""
         low, high = self.surface.low, self.surface.high
         return polynomial_terms(scaled_values(x, low, high), self.surface.powers)
 
     def predict(self, x: Array) -> tuple[Array, Array]:
-        """Mean and deviation (R,) of the surface, (a)."""
+        """Mean and deviation (R,) of the quadratic surface, (a)."""
         leverage = np.linalg.solve(self.factor.T, self._surface_terms(x).T)
         return self.surface.predict(x), np.sqrt(self.run_variance * np.einsum("ij,ij->j", leverage, leverage))
 
     def leave_one_out(self) -> tuple[Array, Array]:
-        """Mean and deviation (N,) of rows predicted by others."""
+        """Mean and deviation (N,) of rows by the others."""
         inner = np.linalg.solve(self.factor.T, self._surface_terms(self.x).T)
         left = np.maximum(1.0 - self.weights * np.einsum("ij,ij->j", inner, inner), 1e-9)
         residual = self.y - self.surface.predict(self.x)
@@ -167,7 +165,7 @@ class CrossValidation:
 
     @property
     def q2(self) -> float:
-        """Predicted part Q2 of the weighted variance [-]."""
+        """Share Q2 of the variance that a surrogate predicts [-]."""
         missed = self.observed - self.predicted
         weight = row_weights(self.errors, missed)
         total = float(weight @ (self.observed - np.average(self.observed, weights=weight)) ** 2)
@@ -175,13 +173,13 @@ class CrossValidation:
 
     @property
     def coverage(self) -> float:
-        """Part of the rows within 1.96 predicted deviations [-]."""
+        """Share of rows within 1.96 predicted deviations [-]."""
         return float(np.mean(np.abs(self.observed - self.predicted) <= 1.96 * self.deviation))
 
 
 @dataclass(frozen=True)
 class Surrogate:
-    """Model of a metric between the variants that were run."""
+    """Surrogate of a metric between the variants run."""
 
     metric: str
     kind: str  # of `SURROGATE_KINDS`
@@ -201,11 +199,11 @@ class Surrogate:
 
     @property
     def kind_text(self) -> str:
-        """Kind of the surrogate, in words."""
+        """Kind of surrogate, in words."""
         return {"gaussian": "Gaussian process with noise", "quadratic": "quadratic surface"}[self.kind]
 
     def predict(self, rows: SurrogateRows, run: bool = False) -> tuple[Array, Array]:
-        """Mean and deviation (R,) of the surrogate's metric at rows.
+        """Mean and deviation (R,) of a surrogate's metric at rows.
 
         Args:
             run: of a single further run, with its noise.
@@ -224,7 +222,7 @@ class Surrogate:
         return _moments_of_exponential(mean, deviation) if self.logarithm else (mean, deviation)
 
     def cross_validated(self) -> CrossValidation:
-        """Cross-validation: each fitted row as the others predict it."""
+        """Cross-validation of the surrogate over its rows."""
         mean, deviation = self.model.leave_one_out()
         if isinstance(self.model, GaussianProcess):
             observed = self.model.center + self.model.scale * self.model.z
@@ -284,11 +282,11 @@ def fit_surrogate(
 
 
 MOST_PROCESS_ROWS = 300
-"""Variants from which on a quadratic surface is preferred."""
+"""Variants beyond which a quadratic surface is preferred."""
 
 
 def best_surrogate(results: Results, metric: str, least: float = -np.inf) -> Surrogate:
-    """Surrogate of a metric by Gaussian process or quadratic surface.
+    """Surrogate by Gaussian process or quadratic surface, whichever serves.
 
     Args:
         least: Q2 that it must have.

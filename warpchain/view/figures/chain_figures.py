@@ -39,15 +39,14 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 WATERFALL_ROWS = 1200
-"""Spells of time that the tension waterfall is drawn in."""
+"""Spells of time in the tension waterfall."""
 ANGLE_BIN = 1.0
-"""Width of the bins of contact angles [degrees]."""
+"""Width of bins of contact angles [degrees]."""
 MOST_DOTS = 20_000
-"""Most dots of one sprocket in the figure of contact angles."""
 
 
 def hardest_pressed_roller(trajectory: Trajectory) -> int:
-    """Number of the roller that guides, or else sprockets, press hardest; ends of an open chain aside."""
+    """Number of the chain's roller that guides, or else sprockets, press hardest."""
     sprocket_force, guide_force = require_channels(trajectory, "sprocket_force", "guide_force")
     part = last_round_frames(trajectory)
     within = slice(1, -1) if trajectory.parts.chain.is_open else slice(None)
@@ -73,7 +72,7 @@ def strand_displacement_figure(trajectory: Trajectory) -> Figure:
 
 
 def draw_window_mean(axis: Any, trajectory: Trajectory, values: Any, unit: str, digits: str) -> None:
-    """Draws the mean of values (F,) over the metrics' window, the whole recording where it has none."""
+    """Draws the mean of values (F,) in the metrics' window into a chain's panel."""
     time = trajectory.time
     start, end = trajectory.window or (float(time[0]), float(time[-1]))
     part = np.asarray(values)[(time >= start - 1e-12) & (time <= end + 1e-12)]
@@ -83,7 +82,7 @@ def draw_window_mean(axis: Any, trajectory: Trajectory, values: Any, unit: str, 
 
 
 def guide_force_figure(trajectory: Trajectory) -> Figure:
-    """Figure of every guide's force and rollers in contact over time."""
+    """Figure of each guide's force and rollers in contact over time."""
     parts, forces = trajectory.parts, guide_forces_and_rollers(trajectory)
     figure, axes = panel_column(
         2 * len(forces), 4.0 * len(forces) + 1.0, "Force of each guide-bar on the chain", trajectory
@@ -103,7 +102,7 @@ def guide_force_figure(trajectory: Trajectory) -> Figure:
 
 
 def link_tension_figure(trajectory: Trajectory, link: int) -> Figure:
-    """Figure of one link's tension in the chain's last round (the paper's Figure 11)."""
+    """Figure of a link's tension in the chain's last round (the paper's Figure 11)."""
     whole, trajectory = trajectory, trajectory.at(last_round_frames(trajectory))
     (tension,) = require_channels(trajectory, "tension")
     figure, (axis,) = panel_column(1, 4.4, f"Tension of link {link} over the chain's last round", whole)
@@ -117,7 +116,7 @@ def link_tension_figure(trajectory: Trajectory, link: int) -> Figure:
 
 
 def roller_contact_figure(trajectory: Trajectory, roller: int) -> Figure:
-    """Figure of contact forces on one roller in the chain's last round (the paper's Figure 12)."""
+    """Figure of contact forces on a roller in the chain's last round (the paper's Figure 12)."""
     whole, trajectory = trajectory, trajectory.at(last_round_frames(trajectory))
     sprocket_force, guide_force = require_channels(trajectory, "sprocket_force", "guide_force")
     figure, (above, below) = panel_column(
@@ -134,7 +133,7 @@ def roller_contact_figure(trajectory: Trajectory, roller: int) -> Figure:
 
 
 def _shade_sprocket_spells(axis: Any, trajectory: Trajectory, roller: int) -> None:
-    """Shades a panel where a roller is on each sprocket."""
+    """Shades a chain figure's panel while a roller is on each sprocket."""
     on = engaged_sprockets(trajectory, np.array([roller]))[:, 0]
     named: set[int] = set()
     frame = 0
@@ -151,7 +150,7 @@ def _shade_sprocket_spells(axis: Any, trajectory: Trajectory, roller: int) -> No
 
 
 def tension_waterfall_figure(trajectory: Trajectory, top: float | None = None) -> Figure:
-    """Image figure of all links' tension over time, colors up to `top` [N]."""
+    """Figure of all links' tension over time as an image, colors up to `top` [N]."""
     (tension,) = require_channels(trajectory, "tension")
     figure, (axis,) = panel_column(1, 7.0, "Tension of all links over time", trajectory, right=0.85)
     _, rows = peaks_over_time(tension, WATERFALL_ROWS)
@@ -168,7 +167,7 @@ def tension_waterfall_figure(trajectory: Trajectory, top: float | None = None) -
 
 
 def order_spectrum_figure(trajectory: Trajectory) -> Figure | None:
-    """Figure of order spectra of strand tensions and transmission errors, or None."""
+    """Figure of order spectra of tensions and transmission errors, or None."""
     groups = order_spectra(trajectory)
     if not groups:
         return None
@@ -193,7 +192,7 @@ def order_spectrum_figure(trajectory: Trajectory) -> Figure | None:
 
 
 def contact_angle_figure(trajectory: Trajectory) -> Figure:
-    """Figure of contact forces over the angle since rollers reached each sprocket."""
+    """Figure of contact forces over rollers' angle on each sprocket."""
     parts = trajectory.parts
     count = len(parts.sprockets)
     title = "Contact force against angle on the sprocket, latter half of the run"
@@ -233,7 +232,7 @@ def contact_angle_figure(trajectory: Trajectory) -> Figure:
 
 
 def _bin_quantiles(values: Array, at: Any, bins: int, shares: Sequence[float]) -> Array:
-    """Quantiles (shares, bins) of the values in each bin, `at` their bins' numbers; nan where there are none."""
+    """Quantiles (shares, bins) of values in the bins numbered `at`, nan for empty ones."""
     order = np.argsort(at, kind="stable")
     ends = np.searchsorted(at[order], np.arange(bins + 1))
     found = np.full((len(shares), bins), np.nan)

@@ -51,13 +51,13 @@ PART_STYLES: dict[str, dict[str, Any]] = {
     "plate": {"facecolors": ("0.8", "0.7"), "edgecolors": STEEL, "linewidths": 0.5, "zorder": 2.8},
     "pin": {"facecolors": "white", "edgecolors": STEEL, "linewidths": 0.5, "zorder": 2.85},
 }
-"""Styles of a drive picture's parts by kind; a face closes the outline."""
+"""Styles of a drive picture's parts, by kind."""
 
 
 def drive_figure(
     of: Drive | Trajectory, frame: int | None = None, top: float | None = None, size: float = 8.5
 ) -> Figure:
-    """Picture of a drive at its start, or of a trajectory at one instant with tensions and contact forces.
+    """Picture of a drive at its start, or of a trajectory at an instant with tensions and contact forces.
 
     Args:
         frame: None is three quarters through.
@@ -127,12 +127,12 @@ def drive_figure(
 
 
 def _chain_colors(count: int) -> list[str]:
-    """A color for each of a drive's chains."""
+    """Colors of a drive's chains in its picture."""
     return [CHAIN_COLORS[k % len(CHAIN_COLORS)] for k in range(count)]
 
 
 def _drawing_figure(low: Array, high: Array, size: float, title: str, has_bar: bool) -> tuple[Figure, Any]:
-    """An empty figure and its axes of equal scales, which show from corner to corner, `size` [in] the longer side."""
+    """Empty figure and axes for a drive's picture from corner to corner, `size` [in] the longer side."""
     from matplotlib import rc_context
 
     from warpchain.view.figures.plain_figure import PlainFigure
@@ -157,7 +157,7 @@ def _drawing_figure(low: Array, high: Array, size: float, title: str, has_bar: b
 
 
 def _draw_drawing_legend(figure: Figure, axis: Any) -> None:
-    """Draws the legend of a drive's picture below it, in as many columns as its width holds."""
+    """Draws the legend below a drive's picture."""
     handles, words = axis.get_legend_handles_labels()
     if not words:
         return
@@ -181,17 +181,17 @@ def _draw_drawing_legend(figure: Figure, axis: Any) -> None:
 
 
 TITLE_LETTERS = 9.0
-"""Letters of a drive picture's title in an inch of width."""
+"""Letters of a drive picture's title an inch."""
 SIDES = (0.8, 1.1)
-"""Room left of a drive's picture, and right of one with a color bar [in]."""
+"""Room left of a drive's picture, and right with a color bar [in]."""
 LEGEND_STRIP = 0.85
-"""Room below a drive's picture, for its axis and two rows of its legend [in]."""
+"""Room below a drive's picture for axis and legend [in]."""
 LEAST_SIDE = np.array([3.2, 1.6])
 """Least width and height of a drive's picture [in]."""
 
 
 class _PosedChain(NamedTuple):
-    """A chain to draw: model, bodies' pose, and rollers' centers [m]."""
+    """Chain of a drive's picture: model, bodies' pose, rollers' centers [m]."""
 
     model: ChainModel
     pose: DrivePose
@@ -199,7 +199,7 @@ class _PosedChain(NamedTuple):
 
 
 def _chain_at_start(model: ChainModel) -> _PosedChain:
-    """A drive's chain to draw along its path, at the start; a silent one that fits through its pins."""
+    """Chain of a drive's picture at the start, along its path."""
     path = chain_path(model)
     line = chain_outline(model, path)
     if model.chain.is_silent:
@@ -209,7 +209,7 @@ def _chain_at_start(model: ChainModel) -> _PosedChain:
 
 
 def draw_plates(axis: Any, model: ChainModel, position: Array, factor: float) -> None:
-    """Draws plates and pins of a silent chain at places (N, 2) [m], the links of odd index in front."""
+    """Draws plates and pins of a silent chain into a drive's picture, at places (N, 2) [m]."""
     from matplotlib.collections import PolyCollection
 
     plates = plate_outlines(model, position)
@@ -228,13 +228,10 @@ def draw_parts(
     factor: float,
     color: str | None = None,
 ) -> dict[str, Label]:
-    """Draws a drive's parts and names into a picture, `factor` units a meter.
+    """Draws parts and names into a drive's picture, `factor` units a meter; returns labels by name.
 
     Args:
-        color: of the sprockets' outlines and names; None is that of steel, and black.
-
-    Returns:
-        The names' labels, by name.
+        color: of the sprockets' outlines and names; None is steel and black.
     """
     from matplotlib.patheffects import withStroke
 
@@ -265,7 +262,7 @@ def draw_parts(
 
 
 def draw_rotations(axis: Any, drive: Drive, chains: list[_PosedChain], factor: float) -> None:
-    """Draws each shaft's way of turning, and marks the driving sprocket and those with a load."""
+    """Draws shafts' ways of turning into a drive's picture, and marks driver and loads."""
     sprockets = {
         sprocket.name: (sprocket, factor * center, factor * chain.model.pitch_radius(s))
         for chain in chains
@@ -293,7 +290,7 @@ def draw_rotations(axis: Any, drive: Drive, chains: list[_PosedChain], factor: f
 
 
 def _draw_rotation(axis: Any, center: Array, radius: float, sign: float) -> None:
-    """Draws an arc with a head around a sprocket's center, counter-clockwise for a `sign` of +1."""
+    """Draws an arrow around a sprocket into a drive's picture, counter-clockwise for `sign` +1."""
     angle = math.radians(90.0) + sign * np.radians(np.linspace(-50.0, 50.0, 21))
     arc = center + radius * np.stack([np.cos(angle), np.sin(angle)], axis=1)
     axis.plot(*arc.T, color=ARROW, lw=1.1, zorder=1)
@@ -304,7 +301,7 @@ def _draw_rotation(axis: Any, center: Array, radius: float, sign: float) -> None
 
 
 def draw_tension_chain(axis: Any, chains: list[Array], tension: Array, top: float, factor: float) -> None:
-    """Draws links between the points of chains' lines in the colors of tensions up to `top` [N]."""
+    """Draws chains' lines into a drive's picture in the colors of tensions up to `top` [N]."""
     from matplotlib.collections import LineCollection
     from matplotlib.colors import Normalize
 
@@ -321,7 +318,7 @@ def draw_tension_chain(axis: Any, chains: list[Array], tension: Array, top: floa
 
 
 def draw_contact_arrows(axis: Any, position: Array, arrows: list[Array], reach: float, factor: float) -> None:
-    """Draws contact forces on rollers into a picture, `reach` [m] a newton."""
+    """Draws contact forces into a drive's picture as arrows, `reach` [m] a newton."""
     kinds = (("black", "contact with sprockets"), ("tab:red", "contact with guide-bars"))
     straight: Any = {"angles": "xy", "scale_units": "xy", "scale": 1.0, "width": 0.002, "zorder": 4}
     for force, (color, label) in zip(arrows, kinds, strict=True):
@@ -332,7 +329,7 @@ def draw_contact_arrows(axis: Any, position: Array, arrows: list[Array], reach: 
 
 
 def _contact_force_arrows(chains: list[Trajectory], f: int) -> tuple[list[Array], float]:
-    """Contact forces (N, 2) [N] at a frame, of sprockets and of guides, and the largest."""
+    """Contact forces (N, 2) [N] in a frame, of sprockets and guides, and the largest."""
     needed = "sprocket_force", "guide_force", "sprocket_angle", "sprocket_center"
     if any(getattr(chain, channel) is None for chain in chains for channel in needed):
         return [], 0.0
@@ -351,7 +348,7 @@ def _drawing_corners(lines: list[Array]) -> tuple[Array, Array]:
 
 
 TEXT_SPACE = 17.0
-"""Height [pt] of a text at a sprocket in a drive's picture."""
+"""Height of a text at a sprocket [pt]."""
 TRAVEL_STYLE: dict[str, Any] = {"color": "0.3", "lw": 0.7, "ls": (0, (4, 3)), "zorder": 1.5}
 
 
@@ -367,13 +364,13 @@ def draw_dimensions(
     """Writes teeth, radii, wrap angles, links and arm angles into a drive's picture.
 
     Args:
-        labels: by name, to which it adds: a sprocket's dimensions below its name, others by themselves.
+        labels: by name; a sprocket's dimensions are added below its name, others by themselves.
         color: of the strands' texts; None is blue.
     """
     path = chain_path(model)
 
     def write_at(text: str, at: Any, **more: Any) -> Any:
-        """Writes a text at a point of the drive's picture, to be placed."""
+        """Writes a text into a drive's picture, to be placed; returns it."""
         return axis.annotate(
             text, factor * np.asarray(at), xytext=(0.0, 0.0), textcoords="offset points", fontsize=7, zorder=5, **more
         )
@@ -406,7 +403,7 @@ def draw_dimensions(
 
 
 def arm_stop_lines(model: ChainModel, pose: DrivePose) -> list[Array]:
-    """Lines [m] of each arm and its guides, turned to either stop."""
+    """Lines [m] of a drive's arms and their guides, turned to either stop."""
     lines: list[Array] = []
     for a, arm in enumerate(model.arms):
         own = {arm.name, *(model.guides[g].name for g in model.guides_of(a))}
@@ -419,12 +416,12 @@ def arm_stop_lines(model: ChainModel, pose: DrivePose) -> list[Array]:
 
 
 def text_count_at(axis: Any, point: Any) -> int:
-    """Number of texts that a drive's picture has at a point."""
+    """Number of texts at a point of a drive's picture."""
     return sum(np.allclose(text.xy, point) for text in axis.texts)
 
 
 def _strand_texts(model: ChainModel, pitches: Any) -> list[str]:
-    """Words for each strand's number of links, or pitches where the chain does not fit."""
+    """Texts of strands in a drive's picture: number of links, or of pitches."""
     try:
         found = [f"{links} links" for links in assemble_chain(model).strand_links]
     except DriveError:
@@ -433,6 +430,6 @@ def _strand_texts(model: ChainModel, pitches: Any) -> list[str]:
 
 
 def _length_text(meters: float) -> str:
-    """A length [m] as a picture's text with a fitting unit."""
+    """Text of a length [m] in a drive's picture, in a fitting unit."""
     unit, factor = display_unit("m", meters)
     return f"{factor * meters:.4g} {unit}"

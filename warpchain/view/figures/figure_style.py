@@ -24,16 +24,15 @@ Array = NDArray[np.float64]
 
 FIGURE_KINDS = ("png", "svg")
 SPROCKET_COLORS = ("tab:orange", "tab:green", "tab:purple", "tab:red", "tab:brown", "tab:cyan")
-"""Colors of sprockets in figures where they must differ."""
+"""Colors of sprockets in figures."""
 LINE_COLORS = ("tab:blue", "tab:orange", "tab:green", "tab:red", "tab:purple", "tab:brown")
 CHAIN_COLORS = ("#1f77b4", "#e8710a", "#2a9d4a", "#8b5fbf", "#c9302c", "#0fa3b1")
-"""Colors of a drive's chains, one after the other."""
+"""Colors of chains in figures."""
 FILE_DPI = 120
-"""Pixels of a figure's file in an inch."""
+"""Pixels an inch of a figure's file."""
 MOST_TICKS = 6
-"""Most spaces between the ticks of a panel's upright axis."""
 COLUMN_WIDTH, TICK_SIZE, LEGEND_SIZE = 10.0, 9.0, 8.0
-"""Width of a column of panels [in], sizes of ticks' and legends' words [pt]."""
+"""Width of a column of panels [in], sizes of ticks' and legends' texts [pt]."""
 FIGURE_STYLE: Any = {
     "axes.titley": 1.0,  # which saves looking for a place free of ticks
     "axes.titlesize": 10,
@@ -42,7 +41,7 @@ FIGURE_STYLE: Any = {
     "grid.alpha": 0.3,
     "figure.titlesize": 11.5,
 }
-"""Settings of matplotlib in which figures of panels are made."""
+"""Settings of matplotlib for figures of panels."""
 LEGEND_PLACE: dict[str, Any] = {
     "loc": "lower right",
     "bbox_to_anchor": (1.0, 1.0),
@@ -54,25 +53,25 @@ LEGEND_PLACE: dict[str, Any] = {
     "columnspacing": 1.2,
     "labelspacing": 0.25,
 }
-"""Place and style of a panel's legend, above it on the right."""
+"""Settings of a panel's legend, above it on the right."""
 FILE_SETTINGS: dict[str, dict[str, Any]] = {
     "png": {"pil_kwargs": {"compress_level": 3}},  # a third of the usual time, a tenth more bytes
     "svg": {"metadata": {"Date": None}},
 }
-"""Settings of figures' files by kind."""
+"""Settings of figures' files, by kind."""
 _STEADY = 0.01
-"""Share of the top speed within which a mean speed is that."""
+"""Relative difference up to which a mean speed counts as the top speed."""
 CURVE_SPELLS = 4000
-"""Spells of a figure's curve, of each the smallest and largest value drawn."""
+"""Spells of a curve, each drawn by its smallest and largest value."""
 
 
 def strand_label(name: str) -> str:
-    """A strand's name with an arrow sign for "->"."""
+    """Strand's name in figures, with an arrow sign for "->"."""
     return name.replace("->", " \N{RIGHTWARDS ARROW} ")
 
 
 def run_line(of: Drive | Trajectory) -> str:
-    """Figure's title line of a drive or run: links, pitch, driver's speed, temperature."""
+    """Figure's title line of a drive or run: links, pitch, speed, temperature."""
     drive = of if isinstance(of, Drive) else of.drive
     own = None if isinstance(of, Drive) or of.chain is None else f"{of.chain.name}."
     prefixed = zip(drive.chain_prefixes, drive.as_read.each_chain, strict=True)
@@ -85,7 +84,7 @@ def run_line(of: Drive | Trajectory) -> str:
 
 
 def driver_speed_text(of: Drive | Trajectory) -> str:
-    """The driver's name and speed in words, of a run its mean if not the top speed."""
+    """Text in figures of the driver's name and speed, of a run its mean."""
     parts = of if isinstance(of, Drive) else of.parts
     if parts.sprockets[parts.driver].is_end:
         return "nothing drives"
@@ -102,14 +101,14 @@ def driver_speed_text(of: Drive | Trajectory) -> str:
 
 
 def rpm_of_speed(speed: float) -> float:
-    """Revolutions a minute of an angular speed [rad/s]."""
+    """Revolutions a minute at an angular speed [rad/s]."""
     return speed * 30.0 / np.pi
 
 
 def panel_column(
     rows: int, height: float, title: str, of: Drive | Trajectory | None, share: bool = True, right: float = 0.16
 ) -> tuple[Figure, list[Any]]:
-    """An empty figure of panels below each other, each figure `height` [in] high, with its axes.
+    """Empty figure of panels one below the other, each `height` [in] high, and its axes.
 
     Args:
         right: room [in] beside the panels, of a color bar or of a second axis.
@@ -132,7 +131,7 @@ def panel_column(
 
 
 def draw_legend(axis: Any, title: str = "") -> None:
-    """Draws a panel's legend above it, beside its title, in as few rows as its width holds."""
+    """Draws a figure panel's legend above it, beside its title."""
     from warpchain.view.figures.plain_figure import LETTER_WIDTH, PanelLayout
 
     words = axis.get_legend_handles_labels()[1]
@@ -154,7 +153,7 @@ def draw_legend(axis: Any, title: str = "") -> None:
 
 
 def _legend_width(words: Sequence[str], columns: int) -> float:
-    """Width [in] of a legend in so many columns, filled one after the other."""
+    """Width [in] of a figure's legend in a number of columns."""
     from warpchain.view.figures.plain_figure import LETTER_WIDTH
 
     rows = -(-len(words) // columns)
@@ -163,21 +162,21 @@ def _legend_width(words: Sequence[str], columns: int) -> float:
 
 
 def draw_color_bar(axis: Any, image: Any, label: str, **settings: Any) -> None:
-    """Draws the color bar of an image beside its panel."""
+    """Draws the color bar of a figure's image beside its panel."""
     bar = axis.figure.colorbar(image, ax=axis, fraction=0.02, pad=0.015, aspect=30, **settings)
     bar.set_label(label, fontsize=9.5)
     bar.ax.tick_params(labelsize=TICK_SIZE)
 
 
 def draw_tooth_orders(axis: Any, teeth: int) -> None:
-    """Draws dotted lines at a driver's tooth-passing orders into a spectrum."""
+    """Draws lines at the driver's tooth-passing orders into a spectrum."""
     for k in range(1, TOOTH_PASSINGS + 1):
         label = f"tooth passing, multiples of {teeth}" if k == 1 else None
         axis.axvline(k * teeth, color="black", lw=0.8, ls=":", label=label)
 
 
 def set_log_scale(axis: Any) -> None:
-    """Gives a panel's upright axis a logarithmic scale with a tick a decade, its words without formulas."""
+    """Gives a panel's upright axis a logarithmic scale, its ticks plain texts."""
     from matplotlib.ticker import FuncFormatter, NullLocator
 
     axis.set_yscale("log")
@@ -186,7 +185,7 @@ def set_log_scale(axis: Any) -> None:
 
 
 def decade_text(value: float) -> str:
-    """A power of ten as a tick's text: plain from 0.001 to 10,000."""
+    """Text of a power of ten at a tick: plain from 0.001 to 10,000."""
     if 1e-3 <= value <= 1e4:
         return f"{value:g}"
     exponent = f"{np.log10(value):.0f}" if value > 0.0 else ""
@@ -196,7 +195,7 @@ def decade_text(value: float) -> str:
 
 
 def panel_grid(count: int, columns: int, width: float, height: float) -> tuple[Figure, list[Any]]:
-    """An empty figure of panels of `width` by `height` [in] in `columns`, with its axes."""
+    """Empty figure of panels of `width` by `height` [in] in columns, and its axes."""
     from warpchain.view.figures.plain_figure import PlainFigure
 
     columns = min(columns, count)
@@ -211,19 +210,19 @@ def panel_grid(count: int, columns: int, width: float, height: float) -> tuple[F
 
 
 def draw_curve(axis: Any, x: NDArray[np.floating], y: NDArray[np.floating], **style: Any) -> None:
-    """Draws a curve into a panel, thinned to its peaks."""
+    """Draws a curve into a figure's panel, thinned to its peaks."""
     kept = peak_frames(y, CURVE_SPELLS)
     axis.plot(x[kept], y[kept], **{"lw": 0.8, **style})
 
 
 def save_figure(figure: Figure, path: Path) -> None:
-    """Writes a figure as its path's ending says, whole or not at all; raises ArchiveError."""
+    """Writes a figure's file, whole or not at all; raises ArchiveError."""
     with refusals_as_errors(path, ArchiveError), whole_file(path) as file:
         figure.savefig(file, format=path.suffix[1:], dpi=FILE_DPI, **FILE_SETTINGS[path.suffix[1:]])
 
 
 def save_figures(figures: Mapping[str, Figure], folder: str | Path, kinds: str | Sequence[str]) -> list[Path]:
-    """Writes figures to a folder as NAME.png or NAME.svg and returns the paths.
+    """Writes figures to a folder as NAME.png or NAME.svg; returns their paths.
 
     Raises:
         ArchiveError: a folder that cannot be written.

@@ -11,24 +11,24 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 
 CELL = 3
-"""Pixels along a side of the cells in which places are looked for."""
+"""Pixels along a cell's side."""
 COVER_COST = 25.0
-"""Cost of a covered cell; a cell's width further from the label's point costs 1."""
+"""Cost of covering a cell, over that of a cell's width away."""
 LEADER_LENGTH = 9.0
-"""Distance from its point to a label [pt] from which a line leads there."""
+"""Distance of a label from its point [pt] that takes a line."""
 DARK, LIGHT = 0.83, 0.98
-"""Gray below which a picture's cell is a line, and below which it is a part's inside."""
+"""Gray below which a cell is a line, and a part's inside."""
 CLEARANCE = 2.0
 """Room around a label [px]."""
 LEADER_TRIES = 400
-"""Best places of a label, of which the first is taken whose line crosses no other label."""
+"""Best places of a label among which lines may not cross others."""
 
 
 class Label(NamedTuple):
-    """Texts that belong together and stand below each other, annotations of one point.
+    """Label of a picture: texts one below the other, annotations of one point.
 
     Attributes:
-        radius: of the sprocket around the point, in the axes' units, inside of which they may stand.
+        radius: of the sprocket around the point, in the axes' units, within which they may stand.
     """
 
     texts: list[Any]
@@ -36,7 +36,7 @@ class Label(NamedTuple):
 
 
 class _Box(NamedTuple):
-    """A label to place: texts, point, radius, the texts' sizes and the whole box's (width, height), all [px]."""
+    """Label to place: texts, point, radius, sizes of texts and box [px]."""
 
     texts: Sequence[Any]
     point: Array
@@ -46,7 +46,7 @@ class _Box(NamedTuple):
 
 
 def place_labels(axis: Any, labels: Sequence[Label]) -> None:
-    """Moves a picture's labels to the nearest places where they cover nothing, with lines to those further off."""
+    """Moves a picture's labels to the nearest places where they cover nothing, with lines to those far off."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
 
     figure, texts = axis.figure, [text for label in labels for text in label.texts]
@@ -76,7 +76,7 @@ def place_labels(axis: Any, labels: Sequence[Label]) -> None:
 
 
 def _covered_cells(pixels: Any, inside: Array) -> tuple[Array, Array]:
-    """Cells of an axes' pixels, rows from below: 1 where a line is, and where a line or a part's inside is."""
+    """Cells of a picture: 1 for a line, and 1 for a line or a part's inside."""
     left, bottom, right, top = inside.round().astype(int)
     gray = pixels[::-1, :, :3][bottom:top, left:right].min(axis=2) / 255.0
     rows, columns = (n // CELL for n in gray.shape)
@@ -87,7 +87,7 @@ def _covered_cells(pixels: Any, inside: Array) -> tuple[Array, Array]:
 
 
 def _nearest_free_corner(box: _Box, origin: Array, lines: Array, insides: Array, taken: Array) -> Array:
-    """Lower left corner [px] of the place for a label that covers least, and is then nearest to its point."""
+    """Corner [px] of the label's place that covers least and is then nearest."""
     wide, high = np.ceil(box.size / CELL).astype(int)
     rows, columns = lines.shape
     wide, high = min(wide, columns), min(high, rows)
@@ -113,28 +113,28 @@ def _nearest_free_corner(box: _Box, origin: Array, lines: Array, insides: Array,
 
 
 def _leader_ends(box: _Box, corner: Array) -> Array:
-    """Ends (2, 2) [px] of the line from a label's point, or its sprocket's rim, to the label's box at a corner."""
+    """Ends (2, 2) [px] of the line from a label's point or sprocket to its box."""
     end = np.clip(box.point, corner + CLEARANCE, corner + box.size - CLEARANCE)
     away = float(np.hypot(*(end - box.point)))
     return np.array([box.point + (end - box.point) * min(1.0, box.radius / max(away, 1e-9)), end])
 
 
 def _leader_cells(box: _Box, corner: Array, origin: Array, cells: Array) -> Array:
-    """Values of the cells that a label's leader passes."""
+    """Values of cells that a label's line passes."""
     start, end = _leader_ends(box, corner)
     steps = (start + np.linspace(0.0, 0.98, 60)[:, None] * (end - start) - origin) / CELL
-    return cells[_within(steps[:, 1], cells.shape[0]), _within(steps[:, 0], cells.shape[1])]
+    return cells[_numbers_within(steps[:, 1], cells.shape[0]), _numbers_within(steps[:, 0], cells.shape[1])]
 
 
 def _box_sums(cells: Array, wide: int, high: int) -> Array:
-    """Sums of cells in boxes of a size, by their lower left corners."""
+    """Sums of cells in a label's boxes, by lower left corner."""
     total = np.zeros(np.add(cells.shape, 1))
     total[1:, 1:] = cells.cumsum(axis=0).cumsum(axis=1)
     return total[high:, wide:] - total[:-high, wide:] - total[high:, :-wide] + total[:-high, :-wide]
 
 
 def _put_label(axis: Any, box: _Box, corner: Array, taken: Array, origin: Array) -> None:
-    """Places a label's texts below each other in its box, with a line where it stands off, and marks their cells."""
+    """Places a label's texts in its box, with a line if far off, and marks their cells."""
     scale = axis.figure.dpi / 72.0
     middle, top = corner[0] + 0.5 * box.size[0], corner[1] + box.size[1] - CLEARANCE
     for text, size in zip(box.texts, box.sizes, strict=True):
@@ -146,12 +146,12 @@ def _put_label(axis: Any, box: _Box, corner: Array, taken: Array, origin: Array)
         color = box.texts[0].get_color()
         axis.plot(*axis.transData.inverted().transform(ends).T, color=color, lw=0.5, alpha=0.7, zorder=4.5)
         columns, rows = ((ends[0] + np.linspace(0.0, 1.0, 300)[:, None] * (ends[1] - ends[0]) - origin) / CELL).T
-        taken[_within(rows, taken.shape[0]), _within(columns, taken.shape[1])] = 1.0
+        taken[_numbers_within(rows, taken.shape[0]), _numbers_within(columns, taken.shape[1])] = 1.0
     left, bottom = ((corner - origin) / CELL).astype(int)
     right, above = np.ceil((corner + box.size - origin) / CELL).astype(int)
     taken[bottom:above, left:right] = 1.0
 
 
-def _within(places: Array, count: int) -> NDArray[np.int64]:
-    """Numbers of cells at places along an axis of so many cells."""
+def _numbers_within(places: Array, count: int) -> NDArray[np.int64]:
+    """Numbers of cells at places, kept within `count`."""
     return places.astype(int).clip(0, count - 1)

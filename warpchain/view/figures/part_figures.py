@@ -21,9 +21,9 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 SPEED_SPELLS = 24
-"""Spells of time, sorted by speed, over which friction power is averaged."""
+"""Spells, sorted by speed, of mean friction power."""
 STEADY_SPREAD = 0.2
-"""Share of the largest speed within which a friction figure has one speed."""
+"""Share of the largest speed within which speeds are one."""
 
 
 def guide_load_figure(found: EngineeringReport, g: int) -> Figure:
@@ -61,7 +61,7 @@ def guide_load_figure(found: EngineeringReport, g: int) -> Figure:
 
 
 def _unit_per_length(unit: str, values: Array) -> tuple[str, float]:
-    """Unit and factor to show values, one per meter as per millimeter."""
+    """Unit and factor of a figure's values per meter or millimeter."""
     if not unit.endswith("/m"):
         return display_unit(unit, values)
     word, factor = display_unit(unit.removesuffix("/m"), 1e-3 * values)
@@ -69,7 +69,7 @@ def _unit_per_length(unit: str, values: Array) -> tuple[str, float]:
 
 
 def friction_power_figure(found: EngineeringReport) -> Figure | None:
-    """Figure of friction power by group over the driver's speed or time, or None."""
+    """Figure of friction power by group over speed or time, or None."""
     groups = friction_power_by_group(found.model, found.friction_power)
     if not groups:
         return None
@@ -97,7 +97,7 @@ def friction_power_figure(found: EngineeringReport) -> Figure | None:
 
 
 def draw_stacked_areas(axis: Any, x: Array, rows: Mapping[str, Array]) -> None:
-    """Draws rows of values into a panel as stacked areas with a legend."""
+    """Draws rows of values into a panel as stacked areas."""
     axis.stackplot(x, *rows.values(), labels=list(rows), colors=LINE_COLORS, alpha=0.75, lw=0)
     axis.set_xlim(x[0], x[-1])
     draw_legend(axis)
@@ -114,12 +114,12 @@ def variants_friction_figure(drive: Drive, speed: Array, groups: Mapping[str, Ar
 
 
 def _spell_means(values: Array, spells: int) -> Array:
-    """Means of a figure's values over at most `spells` equal spells."""
+    """Means of a figure's values over at most `spells` spells."""
     return np.array([part.mean() for part in np.array_split(values, min(spells, len(values)))])
 
 
 def joint_wear_figure(found: EngineeringReport) -> Figure | None:
-    """Figure of every joint's force times sliding speed, or None without pin radius."""
+    """Figure of each joint's force times sliding speed, or None."""
     if found.joint_wear is None:
         return None
     rate = found.joint_wear.loaded / found.joint_wear.seconds
@@ -135,11 +135,11 @@ def joint_wear_figure(found: EngineeringReport) -> Figure | None:
 
 
 BODY_LISTS = {"arm": "arms", "tensioner": "tensioners", "shaft": "shafts", "coupling": "couplings", "valve": "valves"}
-"""Lists of a drive by kinds of bodies with channels of their own."""
+"""Lists of a drive by kind of body with channels."""
 
 
 def body_channels(trajectory: Trajectory, kind: str) -> dict[str, tuple[str, Array]]:
-    """Recorded channels of a kind of body: unit and values (F, bodies) by title."""
+    """Recorded channels of a kind of body by title: unit and values (F, bodies)."""
     return {
         channel.description: (channel.unit, np.asarray(values, dtype=float))
         for channel in CHANNELS
@@ -150,7 +150,7 @@ def body_channels(trajectory: Trajectory, kind: str) -> dict[str, tuple[str, Arr
 
 
 def body_figure(found: EngineeringReport, kind: str, k: int) -> Figure | None:
-    """Figure of all channels of body `k` over time, or None."""
+    """Figure of body k's channels over time, or None."""
     held = body_channels(found.whole, kind)
     if not held:
         return None
@@ -165,7 +165,7 @@ def body_figure(found: EngineeringReport, kind: str, k: int) -> Figure | None:
 
 
 def probe_figure(found: EngineeringReport, name: str) -> Figure:
-    """Figure of a probe's tension, chain speed and transverse displacement over time."""
+    """Figure of a probe's tension, chain speed and displacement over time."""
     seen = found.probe_signals[name]
     figure, axes = panel_column(3, 5.6, "", None)
     rows = (("tension", "N", seen.tension), ("speed", "m/s", seen.speed), ("displacement", "m", seen.displacement))

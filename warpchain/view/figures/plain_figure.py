@@ -15,43 +15,40 @@ from matplotlib.text import Text
 from matplotlib.transforms import ScaledTranslation
 
 LETTER_WIDTH = 0.0089
-"""Mean width of a letter over its font's size [in/pt], on the wide side."""
+"""Mean width of a letter over its font's size [in/pt]."""
 TITLE_ROOM, HEAD_ROOM, LEGEND_ROW, FOOT_ROOM = 0.62, 0.24, 0.17, 0.52
-"""Heights [in]: of a column's title, of a panel's head, of a legend's further row, of the last panel's axis."""
+"""Heights [in] of title, panel's head, further legend row, last axis."""
 SIDE_ROOM, TICK_ROOM, LINE_ROOM = 0.16, 0.17, 1.3
-"""Width beside all [in], of ticks without words [in], and height of a line of text over its font's size."""
+"""Widths beside all and of ticks [in]; line's height over its font's size."""
 
 
 MATH_MARKS = re.compile(r"\\[a-z]+|[${}^]")
-"""Marks of formulas in ticks' labels, such as those of powers of ten."""
+"""Marks of formulas in ticks' texts."""
 
 
 class PlainFigure(Figure):
-    """A matplotlib figure whose texts may hold any character."""
+    """Matplotlib figure whose texts may hold any character."""
 
     is_laid_out = False
-    """Whether a file is being written whose layout is done."""
+    """Whether the file being written is laid out."""
 
     def get_layout_engine(self) -> LayoutEngine | None:
-        """The figure's layout, None while a figure is written that is laid out."""
+        """Layout of the figure, None while a laid-out one is written."""
         return None if self.is_laid_out else super().get_layout_engine()
 
     def draw(self, renderer: Any) -> None:
-        """Draws the figure, all texts but ticks as plain text."""
+        """Draws the figure, texts but ticks without formulas."""
         self._read_no_formulas()
         super().draw(renderer)
 
     def _read_no_formulas(self) -> None:
-        """Has all texts but ticks stand as they are written."""
+        """Makes texts but ticks stand as they are written."""
         for artist in self.get_children():
             for text in _texts_without_ticks(artist):
                 text.set_parse_math(False)
 
     def savefig(self, *args: Any, **settings: Any) -> None:
-        """Writes the figure to a file; arguments as of matplotlib's `Figure.savefig`.
-
-        It is laid out before it is drawn; matplotlib draws a figure that has a layout twice.
-        """
+        """Writes the figure to a file, laid out once; arguments as of matplotlib's `Figure.savefig`."""
         engine, own = self.get_layout_engine(), self.dpi
         if engine is None:
             super().savefig(*args, **settings)
@@ -69,7 +66,7 @@ class PlainFigure(Figure):
 
 
 def _texts_without_ticks(artist: Artist) -> list[Text]:
-    """Texts of an artist and all that it contains, those of axes' ticks left out."""
+    """Texts in a part of a figure, those of ticks left out."""
     if isinstance(artist, Text):
         return [artist]
     inner = [artist.label] if isinstance(artist, Axis) else artist.get_children()
@@ -77,7 +74,7 @@ def _texts_without_ticks(artist: Artist) -> list[Text]:
 
 
 class PanelLayout(LayoutEngine):
-    """Layout of panels below each other by inches, without measuring a drawn text.
+    """Layout of panels one below the other by inches, without measuring texts.
 
     Args:
         panels: axes from above.
@@ -94,7 +91,7 @@ class PanelLayout(LayoutEngine):
         self.panels, self.right, self.legend_rows = panels, right, 1
 
     def execute(self, fig: Figure) -> None:
-        """Places a figure's panels, and their labels at one distance from them."""
+        """Places a figure's panels, and their labels at one distance."""
         width, height = fig.get_size_inches()
         count, apart = len(self.panels), self.panels[-1].get_shared_x_axes().joined(self.panels[0], self.panels[-1])
         top = TITLE_ROOM if fig.get_suptitle() else 0.06
@@ -122,12 +119,12 @@ class PanelLayout(LayoutEngine):
             axis.xaxis.set_label_coords(0.5, 0.0, axis.transAxes + ScaledTranslation(0.0, -0.29, fig.dpi_scale_trans))
 
     def _has_heads(self) -> bool:
-        """Whether a panel has a title or a legend above it."""
+        """Whether a panel has a title or legend above it."""
         return any(axis.get_title("left") or axis.get_legend() is not None for axis in self.panels)
 
 
 def tick_label_width(axis: Any) -> float:
-    """Width [in] of the longest label at a panel's upright axis."""
+    """Width [in] of the longest tick at an upright axis."""
     low, high = sorted(axis.get_ylim())
     places = [place for place in axis.yaxis.get_majorticklocs() if low <= place <= high]
     words = [MATH_MARKS.sub("", word) for word in axis.yaxis.get_major_formatter().format_ticks(places)]

@@ -41,7 +41,7 @@ FIGURES: dict[str, Callable[[Trajectory, int, float], Figure | None]] = {
 """Functions of figures by name, from trajectory, roller and color limit [N]."""
 
 RESONANCE_MULTIPLE = 8.0
-"""Multiple of the highest transverse frequency up to which a Campbell diagram marks resonances."""
+"""Highest marked resonance over the highest transverse frequency."""
 
 
 def draw_figures(
@@ -51,7 +51,7 @@ def draw_figures(
     roller: int | None = None,
     scale: ScaleTop = None,
 ) -> dict[str, Figure]:
-    """Figures of one variant by name; arguments and errors as of `plot_figures`."""
+    """Figures of a variant by name; arguments and errors as of `plot_figures`."""
     for name in only:
         if name not in FIGURES:
             raise SimulationError(f"figure {name!r}: allowed are {', '.join(FIGURES)}")
@@ -75,7 +75,7 @@ def _figures_by_chain(whole: Trajectory, only: Sequence[str], roller: int | None
 def _figures_of_chain(
     trajectory: Trajectory, only: Sequence[str], roller: int | None, scale: ScaleTop
 ) -> dict[str, Figure]:
-    """Figures of one chain's trajectory by name, those of `only` or all."""
+    """Figures of a chain's trajectory by name, `only` some or all."""
     if roller is None:
         roller = hardest_pressed_roller(trajectory)
     if not 0 <= roller < trajectory.parts.links:
@@ -94,7 +94,7 @@ def plot_figures(
     roller: int | None = None,
     scale: ScaleTop = None,
 ) -> list[Path]:
-    """Writes the figures of one variant as image files and returns their paths.
+    """Writes a variant's figures as image files; returns their paths.
 
     Args:
         source: a run, or an archive's path.
@@ -102,7 +102,7 @@ def plot_figures(
         kind: "png" or "svg", or both.
         only: names of `FIGURES` to draw; () is all.
         roller: whose contact forces and link's tension are drawn; None takes the hardest pressed one.
-        scale: link tension at the red end of the color scale, as `warpchain.view.rerun.view` takes it.
+        scale: link tension at the red end of the color scale, as of `warpchain.view.rerun.view`.
 
     Raises:
         ArchiveError: an archive that cannot be read, or a folder that cannot be written.
@@ -114,16 +114,16 @@ def plot_figures(
 def plot_sweep(
     sources: Sequence[Run | str | Path], folder: str | Path, kind: str | Sequence[str] = "png"
 ) -> list[Path]:
-    """Writes the Campbell diagrams of `draw_sweep` as image files and returns their paths.
+    """Writes the Campbell diagrams of `draw_sweep` as image files; returns their paths.
 
     Raises:
-        ArchiveError, SimulationError: as `draw_sweep`, or a folder that cannot be written.
+        ArchiveError, SimulationError: as of `draw_sweep`, or a folder that cannot be written.
     """
     return save_figures(draw_sweep(sources), folder, kind)
 
 
 def draw_sweep(sources: Sequence[Run | str | Path]) -> dict[str, Figure]:
-    """Campbell diagrams by name, of strand displacement and tension over all recorded variants of runs.
+    """Campbell diagrams by name, of strands' displacement and tension in all recorded variants of runs.
 
     Raises:
         ArchiveError: an archive that cannot be read.

@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 SIGNAL_COLORS = (("simulated", "tab:blue"), ("measured", "tab:orange"))
 BAR, MILLI = 1e-5, 1e3
 SHOWN_CYCLES = 2
-"""Last cycles of a tensioner's ride that are drawn over time."""
+"""Last cycles of a tensioner that are drawn."""
 
 
 def measured_figure(trajectory: Trajectory, found: SignalComparison) -> Figure:
@@ -57,7 +57,7 @@ def measured_figure(trajectory: Trajectory, found: SignalComparison) -> Figure:
 
 
 def _draw_order_spectra(axis: Any, drive: Drive, found: SignalComparison, factor: float) -> None:
-    """Draws the order spectra of measured and simulated signals into a panel."""
+    """Draws order spectra of a rig's and a run's signals into a panel."""
     driver = drive.sprockets[drive.driver]
     last = (TOOTH_PASSINGS + 0.5) * driver.teeth
     peak = 0.0
@@ -77,15 +77,12 @@ def _draw_order_spectra(axis: Any, drive: Drive, found: SignalComparison, factor
 
 
 def _arrays_by_column(table: pa.Table) -> dict[str, NDArray[np.float64]]:
-    """Columns of a tensioner's table as arrays by name."""
+    """Columns of a rig's tensioner table as arrays, by name."""
     return {name: np.asarray(table[name]) for name in table.column_names}
 
 
 def tensioner_loop_figure(tables: Mapping[str, pa.Table], cycles: int, title: str) -> Figure:
-    """Figure of a tensioner's force, pressure and valve lift over displacement in its last cycles.
-
-    `tables` are samples of rides by label.
-    """
+    """Figure of tensioners' force, pressure and valve lift over displacement, from samples by label."""
     from warpchain.view.figures.plain_figure import PlainFigure
 
     figure = PlainFigure(figsize=(11.0, 5.2), layout="constrained")
@@ -138,7 +135,7 @@ SWEEP_PANELS: tuple[tuple[str, str, Sequence[tuple[str, str]], float], ...] = (
 
 
 def tensioner_sweep_figure(rides: Mapping[str, pa.Table], x: Sequence[float], axis: str, title: str) -> Figure:
-    """Figure of a tensioner's extreme forces and pressures, work and leakage over frequency or temperature.
+    """Figure of a tensioner's forces, pressures, work and leakage over frequency or temperature.
 
     `rides` are tables by label, a curve each, with rows at `x`.
     """
@@ -171,7 +168,7 @@ def tensioner_sweep_figure(rides: Mapping[str, pa.Table], x: Sequence[float], ax
 
 
 def _ride_colors(count: int) -> list[Any]:
-    """A color for each of `count` rides of a tensioner."""
+    """Colors of a tensioner's rides."""
     if count <= len(LINE_COLORS):
         return list(LINE_COLORS[:count])
     from matplotlib import colormaps

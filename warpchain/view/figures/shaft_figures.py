@@ -26,13 +26,12 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 HODOGRAPH_DOTS = 4000
-"""Most dots of one hub-force hodograph."""
 STEADY_SPREAD = 0.2
-"""Share of the largest speed within which a driver keeps one speed."""
+"""Share of the largest speed within which speeds are one."""
 
 
 def hub_force_figure(found: EngineeringReport) -> Figure:
-    """Figure of the chain's force on every shaft as hodographs."""
+    """Figure of the chain's force on each shaft as hodographs."""
     drive, hubs = found.model, found.hub_forces
     unit, factor = display_unit("N", hubs)
     figure, axes = panel_grid(len(drive.sprockets), 3, 3.6, 3.6)
@@ -56,7 +55,7 @@ def hub_force_figure(found: EngineeringReport) -> Figure:
 
 
 def phase_error_figure(found: EngineeringReport) -> Figure | None:
-    """Figure of shafts' phase errors over time, in degrees of the driver, or None."""
+    """Figure of shafts' phase errors over time [degrees of the driver], or None."""
     drive = found.model
     driven = list(found.phase_errors)
     if not driven:
@@ -76,7 +75,7 @@ def phase_error_figure(found: EngineeringReport) -> Figure | None:
 
 
 def phase_error_order_figure(found: EngineeringReport) -> Figure | None:
-    """Figure of phase errors' amplitudes by order, or None without a whole cycle."""
+    """Figure of phase errors' amplitudes by order, or None."""
     phases = {s: phase for s, phase in found.phase_errors.items() if phase.amplitude is not None}
     if not phases:
         return None
@@ -97,7 +96,7 @@ def phase_error_order_figure(found: EngineeringReport) -> Figure | None:
 
 
 def has_even_speed(found: EngineeringReport) -> bool:
-    """Whether the driver keeps about one speed in the window."""
+    """Whether the driver keeps about one speed in the report's window."""
     speed = found.part.sprocket_speed
     if speed is None:
         return False
@@ -106,7 +105,7 @@ def has_even_speed(found: EngineeringReport) -> bool:
 
 
 def driver_cycle_figure(found: EngineeringReport) -> Figure | None:
-    """Figure of tensions, hub forces and phase errors over two driver turns, or None."""
+    """Figure of tensions, hub forces and phase errors over two turns of the driver, or None."""
     if not has_even_speed(found):
         return None
     drive, part = found.model, found.part
@@ -148,7 +147,7 @@ def driver_cycle_figure(found: EngineeringReport) -> Figure | None:
 
 
 def least_finite(values: Array) -> float:
-    """The smallest finite value for a figure's axis, or nan."""
+    """Smallest finite value for a figure's axis, or nan."""
     return float(np.nanmin(values)) if np.isfinite(values).any() else math.nan
 
 

@@ -38,28 +38,27 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 TOOTH_MULTIPLES = 3
-"""Multiples of the tooth-passing frequency that a Campbell diagram marks."""
+"""Marked multiples of the tooth-passing frequency."""
 COLOR_DECADES = 3.0
-"""Decades of amplitude that a Campbell diagram's colors span."""
+"""Decades of amplitude in a Campbell diagram's colors."""
 
 STRAND_SIGNALS: dict[str, tuple[str, Callable[[Trajectory, int], NDArray[np.float64]]]] = {
     "displacement": ("displacement at mid-span [mm]", lambda t, k: 1e3 * strand_displacement(t, k)),
     "tension": ("tension at mid-strand [N]", strand_tension),
 }
-"""Signals of a strand by name, with their labels and values (F,)."""
+"""Labels and functions (F,) of a strand's signals, by name."""
 FEWEST_BLOCKS = 6
-"""Blocks that a run-up must have for order cuts."""
+"""Blocks that a run-up needs."""
 LEAST_RISE = 1.25
-"""Fastest over slowest block from which a run counts as a run-up."""
+"""Fastest over slowest block of a run-up, at least."""
 MOST_ORDERS = 6
-"""Most orders that a run-up is cut at."""
 USUAL_ORDERS = (2.0, 4.0, 0.5, 1.0)
-"""Orders of a run-up to cut where motions and loads excite fewer."""
+"""Orders of a run-up where few are excited."""
 
 
 @dataclass(frozen=True)
 class SpeedSweep:
-    """Spectra of one signal over speeds, for a Campbell diagram.
+    """Spectra of a signal over speeds, for a Campbell diagram.
 
     Attributes:
         name: of the strand.
@@ -82,7 +81,7 @@ class SpeedSweep:
 
 
 def speed_sweeps(sources: Sequence[Run | str | Path], signal: str = "displacement") -> list[SpeedSweep]:
-    """Spectra of every strand over the speeds of recorded variants that are ok, a sweep a strand.
+    """Spectra of each strand over the speeds of recorded variants, ok ones, a sweep a strand.
 
     Args:
         signal: one of `STRAND_SIGNALS`.
@@ -127,7 +126,7 @@ def speed_sweeps(sources: Sequence[Run | str | Path], signal: str = "displacemen
 
 
 def _driver_rpm(trajectory: Trajectory) -> float:
-    """Mean speed [rpm] of the driver over a recording's latter half."""
+    """Driver's mean speed [rpm] in a sweep's recording, latter half."""
     (sprocket_speed,) = require_channels(trajectory, "sprocket_speed")
     part = sprocket_speed[latter_half_frames(trajectory), trajectory.parts.driver]
     return rpm_of_speed(float(abs(part.mean())))
@@ -185,7 +184,7 @@ def campbell_figure(found: Sequence[SpeedSweep], highest: float | None = None) -
 def _spectrum_on_grid(
     even: NDArray[np.float64], frequency: NDArray[np.float64], amplitude: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """A spectrum's amplitudes at even frequencies, largest lines kept."""
+    """Amplitudes of a sweep's spectrum at even frequencies, largest lines kept."""
     step = even[1]
     at = np.rint(frequency / step).astype(int)
     inside = at < len(even)
@@ -198,7 +197,7 @@ def _spectrum_on_grid(
 
 
 def run_up_orders(model: ChainModel) -> list[float]:
-    """Orders to cut a run-up at: excited ones and tooth passing."""
+    """Orders of a run-up's cuts: excited ones and tooth passing."""
     from warpchain.assembly.table_cells import shaft_ratio
 
     teeth = model.sprockets[model.driver].teeth
@@ -226,7 +225,7 @@ def run_up_cuts(found: EngineeringReport) -> dict[str, tuple[str, dict[str, Orde
     (sprocket_speed,) = require_channels(whole, "sprocket_speed")
 
     def cuts_of(values: Array) -> OrderCuts:
-        """Order cuts of a signal's values (F,) over the run-up."""
+        """Order cuts of a signal (F,) over the run-up."""
         return order_cuts(whole.time[part], turns[part], np.nan_to_num(values[part]), orders)
 
     speeds = {p.name: forward_values(drive, sprocket_speed, s) for s, p in enumerate(drive.sprockets)}
@@ -249,7 +248,7 @@ def run_up_cuts(found: EngineeringReport) -> dict[str, tuple[str, dict[str, Orde
 
 
 def order_cuts_figure(model: ChainModel, title: str, unit: str, found: dict[str, OrderCuts]) -> Figure:
-    """Figure of each order's amplitude over the driver's speed, by shaft or strand."""
+    """Figure of orders' amplitudes over the driver's speed, by shaft or strand."""
     figure, axes = panel_column(len(found), 1.9 * len(found) + 0.7, "", None)
     word, factor = display_unit(unit, *(cuts.amplitude for cuts in found.values()))
     for axis, (name, cuts) in zip(axes, found.items(), strict=True):

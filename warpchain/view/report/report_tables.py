@@ -19,27 +19,26 @@ from warpchain.results.window_statistics import ERROR_SUFFIX
 from warpchain.view.html import engineering_number, paragraph_html, table_html
 
 TABLE_DIGITS = 4
-"""Significant digits of numbers in the report's tables."""
 
 
 def quantity_cells(value: float, unit: str, largest: float | None = None) -> tuple[str, str]:
-    """A value [SI] as two report cells, number and unit fit for `largest`."""
+    """Cells of a report's table for a value [SI]: number, unit fit for `largest`."""
     word, factor = display_unit_word(unit, value if largest is None else largest)
     return engineering_number(factor * value, TABLE_DIGITS), word
 
 
 def quantity_text(value: float, unit: str) -> str:
-    """A value [SI] as a report's text with a fitting unit."""
+    """Text of a value [SI] in a report, with a fitting unit."""
     return " ".join(quantity_cells(value, unit)).strip()
 
 
 def climb_share_text(margin: float) -> str:
-    """A margin to tooth jump as text in percent of the climb."""
+    """Text of a margin to tooth jump in percent of the climb."""
     return f"{100.0 * min(1.0, margin):.3g} %"
 
 
 def _metric_rows(row: Mapping[str, Any], prefix: str) -> Iterable[list[str]]:
-    """Report's rows of metrics with a prefix: name, value, error, unit, title."""
+    """Rows of a report's metrics with a prefix: name, value, error, unit, title."""
     for name, value in row.items():
         own = name.removeprefix(prefix)
         column = column_of_metric(name)
@@ -59,7 +58,7 @@ def _metric_rows(row: Mapping[str, Any], prefix: str) -> Iterable[list[str]]:
 
 
 def metric_tables(model: ChainModel, row: Mapping[str, Any], alike: Mapping[str, str]) -> dict[str, str]:
-    """HTML tables of all metrics by part."""
+    """HTML tables of all metrics in a report, by part."""
     prefixes = [prefix for things in PART_PREFIXES.values() for prefix in things(model)]
     found = {}
     for prefix in dict.fromkeys(prefixes):
@@ -136,7 +135,7 @@ def guide_load_table(found: EngineeringReport, metrics: Mapping[str, float], row
 
 
 def body_motion_table(found: EngineeringReport, channels: Mapping[str, tuple[str, Any]], k: int) -> str:
-    """HTML table of body k's channels (F, count): extremes, mean, range, distance."""
+    """HTML table of body k's channels: extremes, mean, range, distance."""
     rows = []
     for title, (unit, values) in channels.items():
         moved = range_and_path(found.part.time, values[:, k])
@@ -151,7 +150,7 @@ def body_motion_table(found: EngineeringReport, channels: Mapping[str, tuple[str
 
 
 def check_valve_text(found: EngineeringReport, k: int) -> str:
-    """A sentence on the openings of tensioner k's check valve, or ""."""
+    """Sentence on the openings of tensioner k's check valve, or ""."""
     tensioner, pressure = found.model.tensioners[k], found.part.chamber_pressure
     if pressure is None or tensioner.valve is None or tensioner.oil is None or tensioner.oil.supply_table is not None:
         return ""
@@ -164,7 +163,7 @@ def check_valve_text(found: EngineeringReport, k: int) -> str:
 
 
 def friction_power_table(found: EngineeringReport, row: Mapping[str, Any]) -> str:
-    """HTML table of mean friction powers, of steps and of frames."""
+    """HTML table of mean friction powers, from steps and from frames."""
     seconds = found.end - found.start
     inside = found.whole.time >= found.start - 1e-12
     means = {name: float(values[inside].mean()) for name, values in found.friction_power.items()}
@@ -183,7 +182,7 @@ def friction_power_table(found: EngineeringReport, row: Mapping[str, Any]) -> st
 def chains_table(
     chains: Mapping[str, tuple[EngineeringReport, Mapping[str, Any]]], margins: Mapping[str, float]
 ) -> str:
-    """HTML table of a drive's chains: links, mass, tensions, margins to tooth jump, friction power; their sums last."""
+    """HTML table of a drive's chains in a report, and of their sums."""
     rows, links, mass, power = [], 0, 0.0, 0.0
     for name, (found, row) in chains.items():
         own = float(sum(float(values.mean()) for values in found.friction_power.values()))
@@ -203,7 +202,7 @@ def chains_table(
 
 
 def losses_table(drive: Drive, row: Mapping[str, Any]) -> str:
-    """HTML table of the whole drive's mean losses by group, and their sum; "" where nothing is known of them."""
+    """HTML table of a drive's mean losses by group and their sum, or ""."""
     found = {group: loss for group, loss in loss_shares(drive, row).items() if loss.energy != 0.0}
     if not found:
         return ""

@@ -34,16 +34,16 @@ Row = Mapping[str, Any]
 
 
 def figure_html(figure: Figure | None, words: str) -> str:
-    """A report's figure as HTML; "" for None."""
+    """HTML of a report's figure, "" for None."""
     return "" if figure is None else html.zoomed_picture_html(figure, words)
 
 
 Chains = Mapping[str, tuple[EngineeringReport, Row]]
-"""Reports of a drive's chains with their rows of metrics, by name, "" of an only one."""
+"""Reports of chains with rows of metrics, by name, "" of an only one."""
 
 
 def summary_section(chains: Chains, row: Row) -> html.PageSection:
-    """The report's first section: whether the run is valid, and its key numbers."""
+    """Section in short of a run's report: validity, key numbers."""
     status = row.get("status") or "unknown"
     boxes = [("" if status == "unknown" else status, status, "status")]
     for name, words in (("tension_mean", "mean tension"), ("tension_max", "largest tension")):
@@ -73,7 +73,7 @@ def _least_jump_margins(chains: Chains) -> dict[str, float]:
 
 
 def drive_section(chains: Chains, whole: Trajectory, row: Row, info: RunInfo) -> html.PageSection:
-    """The report's section on the run and the whole drive: window, sums over chains, picture with forces."""
+    """Section of a run's report on the whole drive: window, sums over chains, picture."""
     found = next(iter(chains.values()))[0]
     window = f"window of the metrics: {found.start:.4g} to {found.end:.4g} s, {len(found.part.time)} frames"
     step = "" if info.step is None else f", step {report_tables.quantity_text(info.step, 's')}"
@@ -86,14 +86,14 @@ def drive_section(chains: Chains, whole: Trajectory, row: Row, info: RunInfo) ->
 
 
 def _energy_lines(row: Row) -> list[str]:
-    """A line on what the energy balance misses, if it is known."""
+    """Line of a report on what the energy balance misses, if known."""
     missed = row.get("energy_residual_relative")
     words = title_of_metric("energy_residual_relative")
     return [] if missed is None else [f"energy balance: {100.0 * missed:.2g} % ({words})"]
 
 
 def tension_parts(found: EngineeringReport, _: Row) -> Iterator[str]:
-    """HTML of the report's section on the chain: tension, displacement, spectra, contact angles."""
+    """HTML of a report's section on the chain: tension, displacement, spectra, contact angles."""
     yield html.paragraph_html(
         "Each row of the picture is the maximum tension of every link in a time bin; spectra are of the latter "
         "half, over orders of the driver's revolution."
@@ -105,7 +105,7 @@ def tension_parts(found: EngineeringReport, _: Row) -> Iterator[str]:
 
 
 def hub_force_parts(found: EngineeringReport, row: Row) -> Iterator[str]:
-    """HTML of the report's section on hub forces."""
+    """HTML of a report's section on hub forces."""
     exact = all(row.get(f"{sprocket.name}.hub_force_max") is not None for sprocket in found.model.sprockets)
     yield html.paragraph_html(
         "Force of the chain on each shaft. The table is of "
@@ -117,7 +117,7 @@ def hub_force_parts(found: EngineeringReport, row: Row) -> Iterator[str]:
 
 
 def timing_parts(found: EngineeringReport, _: Row) -> Iterator[str]:
-    """HTML of the report's section on timing: shafts' phase errors."""
+    """HTML of a report's section on shafts' phase errors."""
     name = found.model.sprockets[found.model.driver].name
     yield html.paragraph_html(
         f"Where each shaft stands against where {name} and the teeth put it, from where it stood when the recording "
@@ -130,7 +130,7 @@ def timing_parts(found: EngineeringReport, _: Row) -> Iterator[str]:
 
 
 def cycle_parts(found: EngineeringReport, _: Row) -> Iterator[str]:
-    """HTML of the report's section on the driver's cycle of two turns."""
+    """HTML of a report's section on the driver's working cycle."""
     figure = shaft_figures.driver_cycle_figure(found)
     if figure is None:
         raise SimulationError("The window has no whole cycle of two revolutions at about one speed.")
@@ -138,7 +138,7 @@ def cycle_parts(found: EngineeringReport, _: Row) -> Iterator[str]:
 
 
 def order_cut_parts(found: EngineeringReport, _: Row) -> Iterator[str]:
-    """HTML of the report's section on orders over a run-up's speeds."""
+    """HTML of a report's section on orders in a run-up."""
     cut = sweep.run_up_cuts(found)
     if not cut:
         raise SimulationError(
@@ -152,7 +152,7 @@ def order_cut_parts(found: EngineeringReport, _: Row) -> Iterator[str]:
 
 
 def guide_parts(found: EngineeringReport, row: Row) -> Iterator[str]:
-    """HTML of the report's section on guides."""
+    """HTML of a report's section on guides."""
     yield html.paragraph_html(
         "Mean normal force per length of the face, the largest force of one roller there, and force times sliding "
         "speed per length. Over the width of the contact these are a pressure and the p v of bearing tables; friction "
@@ -165,7 +165,7 @@ def guide_parts(found: EngineeringReport, row: Row) -> Iterator[str]:
 
 
 def friction_parts(found: EngineeringReport, row: Row) -> Iterator[str]:
-    """HTML of the report's section on friction power."""
+    """HTML of a report's section on friction power."""
     figure = part_figures.friction_power_figure(found)
     if figure is None:
         raise SimulationError("Nothing rubs in this drive.")
@@ -174,7 +174,7 @@ def friction_parts(found: EngineeringReport, row: Row) -> Iterator[str]:
 
 
 def safety_parts(found: EngineeringReport, row: Row) -> Iterator[str]:
-    """HTML of the report's section on tooth jump, slack strands and untouched guides."""
+    """HTML of a report's section on tooth jump, slack strands and untouched guides."""
     climbing = "pins" if found.model.chain.is_silent else "rollers"
     yield html.paragraph_html(
         f"What {climbing} inside the wraps still had to climb to where the flanks end (100 % in a seat, 0 % where the "
@@ -195,7 +195,7 @@ def safety_parts(found: EngineeringReport, row: Row) -> Iterator[str]:
 
 
 def wear_parts(found: EngineeringReport, _: Row) -> Iterator[str]:
-    """HTML of the report's section on wear of the joints."""
+    """HTML of a report's section on joints' wear."""
     if found.joint_wear is None:
         raise SimulationError("The joints have no pin radius: give chain.size or chain.joint.pin_radius.")
     metrics = found.metrics()
@@ -225,7 +225,7 @@ def wear_parts(found: EngineeringReport, _: Row) -> Iterator[str]:
 
 
 def body_parts(found: EngineeringReport, row: Row) -> Iterator[str]:
-    """HTML of the report's section on arms, tensioners, shafts, couplings and valves."""
+    """HTML of a report's section on arms, tensioners, shafts, couplings and valves."""
     for kind, of in part_figures.BODY_LISTS.items():
         channels = part_figures.body_channels(found.part, kind)
         for k, part in enumerate(getattr(found.model, of)):
@@ -247,7 +247,7 @@ def body_parts(found: EngineeringReport, row: Row) -> Iterator[str]:
 
 
 def probe_parts(found: EngineeringReport, _: Row) -> Iterator[str]:
-    """HTML of the report's section on probes."""
+    """HTML of a report's section on probes."""
     for probe in found.model.probes:
         yield html.heading_html(probe.name)
         radius = probe.radius or found.model.chain.pitch
@@ -259,7 +259,7 @@ def probe_parts(found: EngineeringReport, _: Row) -> Iterator[str]:
 
 
 def metric_parts(found: EngineeringReport, row: Row) -> Iterator[str]:
-    """HTML of the report's section with all metrics."""
+    """HTML of a report's section with all metrics."""
     yield html.paragraph_html(
         "Over the window at every step, and of the frames in it; docs/metrics.md says how each is formed."
     )
@@ -287,11 +287,11 @@ RUN_SECTIONS: tuple[tuple[str, str, SectionParts, Callable[[EngineeringReport], 
     ("probes", "Probes", probe_parts, lambda found: bool(found.model.probes)),
     ("metrics", "All metrics", metric_parts, lambda found: True),
 )
-"""Sections of a run's report: anchor, title, HTML function, whether a drive has it."""
+"""Sections of a report: anchor, title, HTML function, whether a drive has it."""
 
 
 def variants_friction_html(run: Run) -> str:
-    """HTML figure of friction power over speeds of a run's variants, or ""."""
+    """HTML figure of friction power over a run's variants' speeds, or ""."""
     known = friction_power_over_speed(run) if len(run.drives) > 2 else None
     return (
         ""
@@ -301,7 +301,7 @@ def variants_friction_html(run: Run) -> str:
 
 
 def run_sections(found: EngineeringReport, row: Row, run: Run) -> list[html.PageSection]:
-    """Folded sections of a run's report on one chain; one of them says which others cannot be formed, and why."""
+    """Folded sections of a report on one chain, and on those that cannot be formed."""
     sections, absent = [], []
     for name, title, parts, has in RUN_SECTIONS:
         if not has(found):
@@ -322,7 +322,7 @@ def run_sections(found: EngineeringReport, row: Row, run: Run) -> list[html.Page
 
 
 def chain_section(name: str, found: EngineeringReport, row: Row, run: Run) -> html.PageSection:
-    """The folded section on one of several chains, with its own sections inside."""
+    """Folded section of a report on one of several chains."""
     boxes = [
         ("", report_tables.quantity_text(row[metric], "N"), words)
         for metric, words in (("tension_mean", "mean tension"), ("tension_max", "largest tension"))
@@ -337,14 +337,14 @@ def chain_section(name: str, found: EngineeringReport, row: Row, run: Run) -> ht
 
 
 def run_heading(found: EngineeringReport) -> str:
-    """Heading of a run's report: the driver and its mean speed."""
+    """Heading of a run's report: driver and mean speed."""
     return f"Chain drive, {driver_speed_text(found.whole)}"
 
 
 def run_report_html(
     source: Run | str | Path, variant: int | None = None, title: str | None = None, wear: Wear | None = None
 ) -> str:
-    """The engineering report of a recorded variant as HTML; see `report`."""
+    """HTML of a recorded variant's engineering report; see `report`."""
     chosen = recorded_variant(source, variant)
     row, run = chosen.run.metrics.to_pylist()[chosen.run.row_of(chosen.index)], chosen.run
     alike = rotation_owners(chosen.trajectory.drive)
@@ -365,7 +365,7 @@ def run_report_html(
 
 
 def _about_lines(source: Run | str | Path, drive: Drive, info: RunInfo) -> list[str]:
-    """Words on what a report is about: the archive's file, the drive's digest, when it ran."""
+    """Lines on what a report is about: file, digest, date."""
     digest = hashlib.sha256(dumps_drive(drive).encode()).hexdigest()[:DIGEST_LETTERS]
     lines = [f"drive {digest} (SHA-256 of its values)", _date_text(info.created)]
     if not isinstance(source, Run):
@@ -377,12 +377,11 @@ def _about_lines(source: Run | str | Path, drive: Drive, info: RunInfo) -> list[
 
 
 def _date_text(iso: str) -> str:
-    """A UTC time of ISO 8601 as a page's text; "" where it is unknown."""
+    """Text of an ISO 8601 UTC time in a report, or ""."""
     return f"{iso[:10]} {iso[11:16]} UTC" if iso else ""
 
 
 DIGEST_LETTERS = 16
-"""Hexadecimal digits of a digest on a page."""
 
 
 @check_arguments(SimulationError)

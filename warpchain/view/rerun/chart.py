@@ -18,20 +18,18 @@ if TYPE_CHECKING:
 
 INK_COLOR, GRID_COLOR = (200, 200, 200), (60, 60, 60)
 BACKGROUND_COLOR = (13, 14, 16)
-"""Background color of Rerun's 2D views."""
 WIDE_CHART = 4.4
-"""Width over height of charts that fill a Rerun tab."""
+"""Width over height of charts that fill a tab."""
 BAR_WIDTH = 0.06
-"""Width of a color bar beside a chart."""
+"""Width of a color bar over the chart's height."""
 MOST_INPUTS, MOST_METRICS = 3, 4
-"""Most inputs and metrics of scatters where none are named."""
+"""Most inputs and metrics of scatters by default."""
 SCATTER_WIDTH = 1.1
-"""Width over height of a scatter."""
 
 
 @dataclass(frozen=True)
 class ChartAxis:
-    """One axis of a Rerun chart: label, ends, linear or logarithmic."""
+    """Axis of a Rerun chart: label, ends, linear or logarithmic."""
 
     label: str
     low: float
@@ -39,7 +37,7 @@ class ChartAxis:
     logarithmic: bool = False
 
     def axis_shares(self, values: Any) -> NDArray[np.float64]:
-        """Values as shares of a chart's axis, from 0 to 1."""
+        """Places of values along a chart's axis, from 0 to 1."""
         scale: Callable[[Any], Any] = np.log10 if self.logarithmic else np.asarray
         low, high = scale(self.low), scale(self.high)
         held = np.maximum(values, self.low) if self.logarithmic else values
@@ -56,7 +54,7 @@ class ChartAxis:
 
 
 def axis_around(values: Any, label: str) -> ChartAxis:
-    """A linear chart axis around all finite values."""
+    """Linear chart axis around all finite values."""
     finite = np.asarray(values, dtype=float)
     finite = finite[np.isfinite(finite)]
     low, high = (float(finite.min()), float(finite.max())) if len(finite) else (0.0, 1.0)
@@ -66,7 +64,7 @@ def axis_around(values: Any, label: str) -> ChartAxis:
 
 @dataclass(frozen=True)
 class Chart:
-    """A chart in a Rerun view: a rectangle of `width` by 1 with axes, below one entity.
+    """Chart in a Rerun view: a rectangle of `width` by 1 with axes, below one entity.
 
     `beside` is room for a key on its right; `few` lets it have few ticks.
     """
@@ -80,7 +78,7 @@ class Chart:
     few: bool = False
 
     def _chart_points(self, x: Any, y: Any) -> NDArray[np.float32]:
-        """Points (..., 2) of the Rerun view at values of both axes."""
+        """Points (..., 2) in the Rerun view of a chart's values."""
         return np.stack(
             np.broadcast_arrays(self.width * self.x.axis_shares(x), 1.0 - self.y.axis_shares(y)), -1
         ).astype(np.float32)
@@ -148,7 +146,7 @@ class Chart:
         self.stream.log(entity_path(*self.path, name), points, static=True)
 
     def log_image(self, name: str, pixels: NDArray[np.uint8]) -> None:
-        """Logs an image (rows, columns, 3) over the whole chart to Rerun."""
+        """Logs an image (rows, columns, 3) over the chart to Rerun."""
         import rerun as rr
 
         path = entity_path(*self.path, name)
@@ -156,7 +154,7 @@ class Chart:
         self.stream.log(path, scale, rr.Image(pixels, draw_order=-10.0), static=True)
 
     def log_color_bar(self, pixels: NDArray[np.uint8], values: ChartAxis) -> None:
-        """Logs a bar of colors (rows, 1, 3) right of the chart, from above, with ticks and a label to Rerun."""
+        """Logs a color bar (rows, 1, 3) right of the chart, with ticks, to Rerun."""
         import rerun as rr
 
         left = self.width + 0.08
@@ -168,7 +166,7 @@ class Chart:
         self._log_words("color label", np.array([[left + 0.5 * BAR_WIDTH, -0.06]]), [values.label], INK_COLOR)
 
     def log_cursor(self, name: str, time: NDArray[np.floating]) -> None:
-        """Logs a cursor to Rerun that runs along the chart with the playback."""
+        """Logs a cursor to Rerun that follows the playback along the chart."""
         import rerun as rr
 
         line = self._chart_points(np.asarray(time)[:, None], np.array([self.y.low, self.y.high]))
@@ -183,7 +181,7 @@ class Chart:
         )
 
     def chart_view(self, name: str) -> rrb.Spatial2DView:
-        """Rerun's 2D view that shows the whole chart."""
+        """2D view of Rerun that shows the whole chart."""
         import rerun.blueprint as rrb
 
         bounds = rrb.VisualBounds2D(x_range=[-0.2, self.width + self.beside], y_range=[-0.1, 1.2])
@@ -225,7 +223,7 @@ def log_scatter(
     variants: NDArray[np.integer],
     ranged: NDArray[np.bool_] | None = None,
 ) -> Chart:
-    """Logs a scatter of two quantities to Rerun and returns its chart.
+    """Logs a scatter of two quantities to Rerun; returns its chart.
 
     `variants` (R,) numbers each row's variant; `ranged` (R,) are the rows that the vertical axis holds.
     """

@@ -28,18 +28,18 @@ if TYPE_CHECKING:
     import rerun as rr
 
 ARROW_LENGTH = 0.12
-"""Length of the longest contact-force arrow in Rerun over the drive's size."""
+"""Longest contact-force arrow over the drive's size."""
 STEEL, PLATES = (150, 155, 165), (105, 105, 110)
 PLATE_ARC_POINTS = 3
-"""Points of a plate's arcs in Rerun, where each frame holds every plate's outline."""
+"""Points of a plate's arcs in Rerun."""
 COMMON_NAMES = "shafts"
-"""Rerun's entity above the names of sprockets about one center."""
+"""Rerun's entity for common names of sprockets."""
 DRAWN_FIRST = 5.0
-"""Rerun's draw order of parts below the rollers."""
+"""Rerun's draw order of parts below rollers."""
 
 
 def thinned_trajectory(trajectory: Trajectory, budget: int) -> Trajectory:
-    """A trajectory at evenly spaced frames, no more than the budget."""
+    """Trajectory at evenly spaced frames, at most `budget`."""
     count = len(trajectory.time)
     if count <= budget:
         return trajectory
@@ -63,7 +63,7 @@ def log_drive(
 
 
 def sprockets_about_one_center(chains: Sequence[Trajectory]) -> list[list[tuple[int, int]]]:
-    """Numbers (chain, sprocket) of sprockets that stand about the same center, for each center of two or more."""
+    """Groups of sprockets, (chain, sprocket), that stand about one center."""
     groups: list[tuple[NDArray[np.floating], list[tuple[int, int]]]] = []
     for c, chain in enumerate(chains):
         for s, center in enumerate(require_channels(chain, "sprocket_center")[0][0]):
@@ -76,7 +76,7 @@ def sprockets_about_one_center(chains: Sequence[Trajectory]) -> list[list[tuple[
 
 
 def log_common_names(stream: rr.RecordingStream, chains: Sequence[Trajectory]) -> None:
-    """Logs the names of sprockets about one center to Rerun below `COMMON_NAMES`, in one label that moves with them."""
+    """Logs the names of sprockets about one center to Rerun, in one moving label."""
     import rerun as rr
 
     for members in sprockets_about_one_center(chains):
@@ -90,7 +90,7 @@ def log_common_names(stream: rr.RecordingStream, chains: Sequence[Trajectory]) -
 
 
 def log_chain_outline(stream: rr.RecordingStream, path: str, shown: Trajectory, color: tuple[int, int, int]) -> None:
-    """Logs the moving chain to Rerun as one thin line."""
+    """Logs the moving chain to Rerun as a thin line."""
     import rerun as rr
 
     (position,) = require_channels(shown, "position")
@@ -105,7 +105,7 @@ def log_chain_outline(stream: rr.RecordingStream, path: str, shown: Trajectory, 
 
 
 def _log_chain(stream: rr.RecordingStream, root: str, shown: Trajectory, x: NDArray[np.float32], top: float) -> None:
-    """Logs the chain to Rerun: rollers colored by tension, on a line; of a silent chain pins, on plates."""
+    """Logs the chain to Rerun: rollers colored by tension, or pins on plates."""
     import pyarrow as pa
     import rerun as rr
 
@@ -136,7 +136,7 @@ def _log_chain(stream: rr.RecordingStream, root: str, shown: Trajectory, x: NDAr
 
 
 def _log_sprockets(stream: rr.RecordingStream, root: str, shown: Trajectory, colors: Mapping[str, Color]) -> None:
-    """Logs sprockets to Rerun: outlines once, place and angle at each frame."""
+    """Logs sprockets to Rerun: outlines once, place and angle each frame."""
     import rerun as rr
 
     sprocket_angle, sprocket_center = require_channels(shown, "sprocket_angle", "sprocket_center")
@@ -152,7 +152,7 @@ def _log_sprockets(stream: rr.RecordingStream, root: str, shown: Trajectory, col
 
 
 def _log_guides(stream: rr.RecordingStream, root: str, shown: Trajectory, colors: Mapping[str, Color]) -> None:
-    """Logs guide-bars to Rerun, those on arms with the arm's motion."""
+    """Logs guide-bars to Rerun, those on arms in motion."""
     import rerun as rr
 
     for g, guide in enumerate(shown.model.guides):
@@ -233,7 +233,7 @@ def _log_turning(
 
 
 def _log_contact_arrows(stream: rr.RecordingStream, root: str, shown: Trajectory, x: NDArray[np.float32]) -> None:
-    """Logs contact forces to Rerun as arrows, the smallest left out."""
+    """Logs contact forces to Rerun as arrows, small ones left out."""
     import rerun as rr
 
     sprocket_force, guide_force = require_channels(shown, "sprocket_force", "guide_force")

@@ -22,7 +22,7 @@ Values = dict[str, NDArray[np.float64]]
 
 
 def ensemble_metrics(drive: Drive) -> list[str]:
-    """Names of the metrics of an ensemble's scatters in Rerun, by importance."""
+    """Names of metrics for an ensemble's scatters, by importance."""
     loaded = [s.name for s in drive.sprockets if s.load is not None]
     chains = drive.chain_prefixes
     return [
@@ -37,7 +37,7 @@ def ensemble_metrics(drive: Drive) -> list[str]:
 
 
 def log_ensemble(stream: rr.RecordingStream, run: Run, shown: Collection[int]) -> tuple[list[Chart], int]:
-    """Logs the scatters of a run's ensemble to Rerun; returns charts row by row and the number of columns.
+    """Logs scatters of a run's ensemble to Rerun; returns charts and number of columns.
 
     Dots of variants in `shown` are larger.
     """
@@ -69,12 +69,12 @@ def log_ensemble(stream: rr.RecordingStream, run: Run, shown: Collection[int]) -
 
 
 def _row_indices(rows: Collection[int]) -> NDArray[np.intp]:
-    """Sorted row numbers of a scatter as an array."""
+    """Row numbers of a scatter as a sorted array."""
     return np.array(sorted(rows), dtype=np.intp)
 
 
 def _varied_metrics(run: Run) -> Values:
-    """Values (V,) of metrics that vary between a run's variants, by name."""
+    """Metrics (V,) that vary in an ensemble, by name."""
     found: Values = {}
     for name in ensemble_metrics(run.drives[0]):
         if name in run.metrics.column_names and len(found) < MOST_METRICS:
@@ -87,10 +87,10 @@ def _varied_metrics(run: Run) -> Values:
 
 
 def _most_correlated_inputs(inputs: Values, metrics: Values) -> list[str]:
-    """Names of the varied inputs that correlate most with any metric."""
+    """Names of an ensemble's varied inputs that correlate most with any metric."""
 
-    def correlation(values: NDArray[np.float64]) -> float:
-        """Largest correlation of an input's values (V,) with any metric."""
+    def largest_correlation(values: NDArray[np.float64]) -> float:
+        """Largest correlation of an input (V,) with any metric."""
         best = 0.0
         for other in metrics.values():
             both = np.isfinite(values) & np.isfinite(other)
@@ -98,5 +98,5 @@ def _most_correlated_inputs(inputs: Values, metrics: Values) -> list[str]:
                 best = max(best, abs(float(np.corrcoef(values[both], other[both])[0, 1])))
         return best
 
-    ranked = sorted(inputs, key=lambda name: -correlation(inputs[name]))[:MOST_INPUTS]
+    ranked = sorted(inputs, key=lambda name: -largest_correlation(inputs[name]))[:MOST_INPUTS]
     return [name for name in inputs if name in ranked]

@@ -51,11 +51,10 @@ if TYPE_CHECKING:
     from warpchain.results.measured import SignalComparison
 
 TURN_SECONDS = 2.0
-"""Seconds in which playback shows a revolution of the driver."""
+"""Time that playback takes for a driver's revolution [s]."""
 LEAST_SECONDS, MOST_SECONDS = 5.0, 30.0
-"""Least and most seconds of a playback."""
 FRAME_BUDGET = 1000
-"""Frames of a recording to show in Rerun by default."""
+"""Most frames of a recording in playback by default."""
 
 
 def playback_blueprint(
@@ -79,7 +78,7 @@ def playback_blueprint(
     roots = [one.label for one in shown]
 
     def curve_views(*groups: str) -> list[rrb.TimeSeriesView]:
-        """Rerun's time series views of groups of curves."""
+        """Rerun's time series views of groups of curves in a playback."""
         return [
             rrb.TimeSeriesView(
                 name=CURVE_GROUPS[group],
@@ -128,7 +127,7 @@ def playback_blueprint(
 
 
 def _drive_tabs(shown: Sequence[RecordedVariant], beside: rrb.Vertical, top: float) -> list[rrb.Container | rrb.View]:
-    """Rerun's tabs of the drive in motion, with curves `beside` it; colors up to `top` [N]."""
+    """Rerun's tabs of the drive in motion, curves `beside` it, colors up to `top` [N]."""
     import rerun.blueprint as rrb
 
     roots = [one.label for one in shown]
@@ -176,12 +175,12 @@ def _common_name_contents(chains: Sequence[RecordedVariant]) -> list[str]:
 
 
 def chains_of_first(shown: Sequence[RecordedVariant]) -> list[RecordedVariant]:
-    """Chains of the first of the variants shown."""
+    """Chains of the first variant of a playback."""
     return [one for one in shown if one.index == shown[0].index and one.run is shown[0].run]
 
 
 def playback_seconds(trajectory: Trajectory) -> float:
-    """Seconds that playback of a recording takes, by the driver's revolutions."""
+    """Time [s] that a recording's playback takes."""
     turns = 0.0
     if trajectory.sprocket_angle is not None:
         angle = forward_values(trajectory.parts, trajectory.sprocket_angle, trajectory.parts.driver)
@@ -190,7 +189,7 @@ def playback_seconds(trajectory: Trajectory) -> float:
 
 
 def time_panel(shown: Sequence[Trajectory]) -> rrb.TimePanel:
-    """Rerun's time panel, which plays the longest recording in a loop."""
+    """Rerun's time panel, which loops the longest recording."""
     import rerun.blueprint as rrb
 
     longest = max(shown, key=lambda trajectory: float(trajectory.time[-1]))
@@ -201,7 +200,7 @@ def time_panel(shown: Sequence[Trajectory]) -> rrb.TimePanel:
 
 
 def _curve_axis(shown: Sequence[RecordedVariant], group: str) -> rrb.ScalarAxis | None:
-    """Rerun's vertical axis of a group of curves; None lets Rerun choose."""
+    """Rerun's vertical axis of a group of curves, or None."""
     import rerun.blueprint as rrb
 
     ends = curve_axis_range([one.trajectory for one in shown], group)
@@ -209,7 +208,7 @@ def _curve_axis(shown: Sequence[RecordedVariant], group: str) -> rrb.ScalarAxis 
 
 
 def _drive_bounds(shown: Sequence[RecordedVariant]) -> rrb.VisualBounds2D:
-    """Rerun's bounds of a view around every variant's sprockets and chain."""
+    """Rerun's bounds of a view around all variants' drives."""
     import rerun.blueprint as rrb
 
     corners = []
@@ -318,7 +317,7 @@ def log_variant(
     title: str = "",
     width: float = WIDE_CHART,
 ) -> Chart:
-    """Logs one variant's drive, curves and tension image to Rerun; returns the image's chart.
+    """Logs a variant's drive, curves and tension image to Rerun; returns the image's chart.
 
     Args:
         title: before the names of its curves; "" where there is nothing beside it.
@@ -332,7 +331,7 @@ def log_variant(
 
 
 def _new_stream() -> rr.RecordingStream:
-    """A new Rerun recording stream."""
+    """Recording stream of Rerun for a playback."""
     import rerun as rr
 
     return rr.RecordingStream("warpchain", recording_id=None)

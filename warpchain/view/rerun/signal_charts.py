@@ -51,17 +51,16 @@ CURVE_GROUPS = {
     "pressure": "pressure in the tensioners' chambers [bar]",
     "valves": "torque of the valves against rotation [N m]",
 }
-"""Groups of curves, each a Rerun view, with their titles."""
+"""Groups of curves, a Rerun view each, with titles."""
 DISPLAY_FACTORS = {"displacement": 1e3, "extension": 1e3, "pressure": 1e-5} | dict.fromkeys(
     ("error", "twist", "arm"), DEGREES
 )
-"""Factors from SI for groups of curves shown in another unit."""
+"""Factors from SI for groups of curves."""
 MOST_COLUMNS = 4096
-"""Most columns of a tension image in Rerun."""
 
 
 def recorded_curves(trajectory: Trajectory) -> Iterator[tuple[str, str, NDArray[np.floating]]]:
-    """Group, name and values (F,) of every curve shown of a trajectory."""
+    """Group, name and values (F,) of each curve of a trajectory."""
     (tension,) = require_channels(trajectory, "tension")
     parts = trajectory.parts
     yield "tension", "largest", tension.max(axis=1)
@@ -99,7 +98,7 @@ def log_curves(
     colors: Mapping[str, Color],
     title: str = "",
 ) -> None:
-    """Logs a trajectory's curves to Rerun, thinned with peaks kept, their names after `title` if there is one."""
+    """Logs a trajectory's curves to Rerun, thinned with peaks kept, names after `title`."""
     import pyarrow as pa
     import rerun as rr
 
@@ -142,7 +141,7 @@ def log_measured_signals(
 
 
 def curve_axis_range(shown: Sequence[Trajectory], group: str) -> tuple[float, float] | None:
-    """Range of a curve group's vertical axis in Rerun; None is all."""
+    """Range of a curve group's vertical axis in Rerun, or None."""
     held = [np.zeros(0)]
     for trajectory in shown:
         parts, part = trajectory.parts, latter_half_frames(trajectory)
@@ -169,7 +168,7 @@ def log_tension_image(
     top: float,
     width: float = WIDE_CHART,
 ) -> Chart:
-    """Logs the tension of all links over time to Rerun as an image `width` times as wide as high; returns its chart."""
+    """Logs the tension of all links over time to Rerun as an image; returns its chart."""
     (tension,) = require_channels(trajectory, "tension")
     _, peaks = peaks_over_time(tension, min(budget, MOST_COLUMNS))
     pixels = _tension_pixels(tension_color_steps(np.ascontiguousarray(peaks.T[::-1]), top))
@@ -187,13 +186,13 @@ def log_tension_image(
 
 
 def _tension_pixels(steps: NDArray[np.uint8]) -> NDArray[np.uint8]:
-    """Pixels (rows, columns, 3) of steps (rows, columns) of the tension scale."""
+    """Pixels (rows, columns, 3) of the tension scale's steps (rows, columns)."""
     packed = packed_tension_colors(steps)
     return np.ascontiguousarray(packed.astype(">u4").view(np.uint8).reshape(*packed.shape, 4)[..., :3])
 
 
 class SpectrumLine(NamedTuple):
-    """A line of an order spectrum's chart: name, color, orders and amplitudes."""
+    """Line of an order spectrum's chart: name, color, orders, amplitudes."""
 
     name: str
     color: Color
@@ -202,7 +201,7 @@ class SpectrumLine(NamedTuple):
 
 
 def spectrum_lines(trajectory: Trajectory, colors: Mapping[str, Color]) -> dict[str, list[SpectrumLine]]:
-    """Order spectra of a recording as colored lines by chart title."""
+    """Lines of a recording's order spectra, by chart title."""
     return {
         title: [SpectrumLine(one.name, colors.get(one.name, INK_COLOR), one.orders, one.amplitude) for one in found]
         for title, found in order_spectra(trajectory).items()
@@ -212,7 +211,7 @@ def spectrum_lines(trajectory: Trajectory, colors: Mapping[str, Color]) -> dict[
 def log_spectrum_charts(
     stream: rr.RecordingStream, found: dict[str, list[SpectrumLine]], teeth: Sequence[int]
 ) -> list[Chart]:
-    """Logs charts of order spectra with tooth-passing orders to Rerun; returns them."""
+    """Logs charts of order spectra to Rerun; returns them."""
     charts = []
     for title, lines in found.items():
         peak = max(float(line.amplitude.max()) for line in lines)

@@ -22,7 +22,7 @@ TIMELINE = "sim_time"
 
 @dataclass(frozen=True)
 class ComponentValues:
-    """Values of a Rerun component at every time of `send_columns`."""
+    """Values of a Rerun component at each time of `send_columns`."""
 
     descriptor: Any
     array: pa.Array
@@ -32,12 +32,12 @@ class ComponentValues:
         return self.descriptor
 
     def as_arrow_array(self) -> pa.Array:
-        """An Arrow array of the component's elements, a list for each time."""
+        """Arrow array of the component's elements, a list a time."""
         return self.array
 
 
 def flipped_points(points: NDArray[np.floating]) -> NDArray[np.float32]:
-    """Points (..., 2) [m] with y turned around for Rerun's 2D views."""
+    """Points (..., 2) [m] with y downward, as in Rerun's 2D views."""
     out = np.empty(points.shape, dtype=np.float32)
     out[..., 0] = points[..., 0]
     np.negative(points[..., 1], out=out[..., 1], casting="same_kind")
@@ -45,7 +45,7 @@ def flipped_points(points: NDArray[np.floating]) -> NDArray[np.float32]:
 
 
 def list_array(elements: pa.Array, lengths: int | NDArray[np.intp], count: int | None = None) -> pa.Array:
-    """An Arrow array of elements grouped into `count` lists."""
+    """Arrow array for Rerun streams of elements in `count` lists."""
     import pyarrow as pa
 
     if isinstance(lengths, int):
@@ -57,7 +57,7 @@ def list_array(elements: pa.Array, lengths: int | NDArray[np.intp], count: int |
 
 
 def vector_array(values: NDArray[np.float32]) -> pa.Array:
-    """An Arrow array of D-vectors from floats (..., D)."""
+    """Arrow array for Rerun streams of D-vectors from floats (..., D)."""
     import pyarrow as pa
 
     kind = pa.list_(pa.field("item", pa.float32(), nullable=False), values.shape[-1])
@@ -65,7 +65,7 @@ def vector_array(values: NDArray[np.float32]) -> pa.Array:
 
 
 def line_strip_array(points: NDArray[np.float32]) -> pa.Array:
-    """An Arrow array of line strips from floats (..., P, 2)."""
+    """Arrow array for Rerun streams of line strips from floats (..., P, 2)."""
     import pyarrow as pa
 
     inner = vector_array(points)
@@ -89,7 +89,7 @@ def send_columns(
 
 
 def entity_path(*parts: str) -> str:
-    """Rerun's path of an entity from its parts, which may hold blanks."""
+    """Path of a Rerun entity from parts, which may hold blanks."""
     import rerun as rr
 
     return rr.new_entity_path(list(parts))
@@ -97,7 +97,7 @@ def entity_path(*parts: str) -> str:
 
 @contextmanager
 def stream_to_file(stream: rr.RecordingStream, target: Path, error: type[Exception]) -> Iterator[None]:
-    """Writes a Rerun recording (.rrd) of what is logged in a `with` block; it appears only when whole.
+    """Context that writes what is logged to a Rerun recording (.rrd), whole or not at all.
 
     Raises:
         error: another writer, or a folder or disk that refuses, in one line.

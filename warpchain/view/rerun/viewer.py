@@ -29,20 +29,20 @@ while viewer.poll() is None:
         os.killpg(0, signal.SIGTERM)
 sys.exit(viewer.returncode)
 """
-"""Program that runs Rerun's viewer and ends it when this process ends."""
+"""Program that ends Rerun's viewer with this process."""
 DATA_PORT, PAGE_PORT = 9876, 9090
-"""Ports tried first by Rerun's viewer: data, web page."""
+"""Ports tried first by Rerun's viewer."""
 LISTEN_PATIENCE = 30.0
-"""Seconds that Rerun's viewer may take to listen."""
+"""Time for Rerun's viewer to listen [s]."""
 FLUSH_TIMEOUT = 0.5
-"""Seconds between checks that a viewer which takes data still runs."""
+"""Time between checks that a viewer still runs [s]."""
 OPENING_SECONDS = 1.5
-"""Seconds in which a native viewer that cannot open a window ends."""
+"""Time in which a viewer without a window ends [s]."""
 OTHER_WAYS = "use --web for a browser, --save OUT.rrd for a file, or a machine with a display"
 
 
 def viewer_program() -> str:
-    """Path of the `rerun` program; raises SimulationError without one."""
+    """Path of Rerun's viewer program; raises SimulationError without one."""
     beside = Path(sys.executable).with_name("rerun")
     found = str(beside) if beside.exists() else shutil.which("rerun")
     if found is None:
@@ -51,7 +51,7 @@ def viewer_program() -> str:
 
 
 def free_port(address: str, wanted: int) -> int:
-    """The port `wanted`, or a free one; raises SimulationError for a foreign address."""
+    """Port for Rerun's viewer, `wanted` or a free one; raises SimulationError for a foreign address."""
     family = socket.AF_INET6 if ":" in address else socket.AF_INET
     for port in (wanted, 0):
         try:
@@ -63,12 +63,12 @@ def free_port(address: str, wanted: int) -> int:
 
 
 def has_display() -> bool:
-    """Whether windows can open here, by a Linux process's environment."""
+    """Whether Rerun's viewer can open windows, by a Linux process's environment."""
     return not sys.platform.startswith("linux") or any(os.environ.get(name) for name in ("DISPLAY", "WAYLAND_DISPLAY"))
 
 
 class Viewer:
-    """Rerun's viewer as a process, within a `with` block; a native one stays open after it.
+    """Process of Rerun's viewer, within a `with` block; a native one stays open after it.
 
     `kind` is "native", "web" (served until interrupted) or "headless" (for pictures). `data` is the URL that recordings
     are sent to, `page` that of the web viewer.
@@ -127,7 +127,7 @@ class Viewer:
 
     @contextlib.contextmanager
     def connection(self, stream: rr.RecordingStream) -> Iterator[None]:
-        """Sends what is logged in a `with` block to Rerun's viewer; raises SimulationError if that ends."""
+        """Context that sends what is logged to Rerun's viewer; raises SimulationError if that ends."""
         stream.connect_grpc(self.data)
         yield
         while True:
@@ -151,7 +151,7 @@ class Viewer:
             self._process.wait()
 
     def close(self) -> None:
-        """Ends Rerun's viewer and the process that it started."""
+        """Ends Rerun's viewer and the process that watches it."""
         with contextlib.suppress(ProcessLookupError):
             os.killpg(self._process.pid, signal.SIGTERM)
         self._process.wait()
