@@ -52,7 +52,7 @@ class ArmSpring(Part):
         anchor: where its other end is held, as drawn [m].
         stiffness: k [N/m].
         free_length: length without force, l_0 [m].
-        damping: of a damper beside it, c [N s/m].
+        damping: damping of a damper beside it, c [N s/m].
     """
 
     at: Pair
@@ -73,13 +73,13 @@ class Arm(Part):
         mass: mass, m [kg].
         center: center of mass at angle 0, r_c [m].
         inertia: moment of inertia about the pivot, I [kg m^2].
-        stiffness: of its torsion spring, k_t [N m/rad].
+        stiffness: stiffness of its torsion spring, k_t [N m/rad].
         free_angle: angle at which the torsion spring is relaxed, theta_0 [degrees].
-        damping: of its bearing, c_t [N m s/rad].
+        damping: damping of its bearing, c_t [N m s/rad].
         spring: coil spring to the ground, or to the arm that carries it.
         stops: lowest and highest angle [degrees].
-        stop_stiffness: of the stops [N m/rad]; None is the chain's.
-        stop_damping: of the stops [N m s/rad]; None is half critical.
+        stop_stiffness: stiffness of the stops [N m/rad]; None is the chain's.
+        stop_damping: damping of the stops [N m s/rad]; None is half critical.
     """
 
     name: Name

@@ -215,8 +215,8 @@ class OuterLinks(Part):
 
     Attributes:
         elongation: wear over the pitch [-].
-        stiffness: of one outer link [N/m].
-        damping: of one outer link [N s/m].
+        stiffness: stiffness of one outer link [N/m].
+        damping: damping of one outer link [N s/m].
     """
 
     elongation: Elongation | None = None
@@ -235,9 +235,9 @@ class Chain(Part):
         ends: names of the two sprockets without teeth that hold an open chain; None is a loop.
         roller_mass: mass of one pitch of chain [kg]; this or mass_per_length.
         mass_per_length: mass of one meter of chain [kg/m].
-        stiffness: of one link [N/m]; "estimate" is the catalogue's for the size.
-        damping: of one link [N s/m]; this or damping_ratio.
-        damping_ratio: of one link, zeta [-]: damping = 2 zeta sqrt(stiffness mass).
+        stiffness: stiffness of one link [N/m]; "estimate" is the catalogue's for the size.
+        damping: damping of one link [N s/m]; this or damping_ratio.
+        damping_ratio: damping ratio of one link, zeta [-]: damping = 2 zeta sqrt(stiffness mass).
         roller_radius: radius of the rollers [m].
         elongation: wear of every link over the pitch [-].
         worn_links: links with an elongation of their own.

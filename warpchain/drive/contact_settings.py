@@ -120,7 +120,7 @@ class ImpactLaw(Part):
         law: name of the contact law.
         restitution: coefficient of restitution, e [-].
         restitution_means: "parameter", e of the law's formula; or "rebound", e of a free roller.
-        exponent: of the penetration, n [-]; 1 is the linearised cylinder contact.
+        exponent: exponent of the penetration, n [-]; 1 is the linearised cylinder contact.
         impact_speed_floor: least approach speed at the begin of a contact, v0 [m/s].
         stiffness: generalized stiffness, K [N/m^n]; or width, load and materials.
         width: length of the line contact [m].
@@ -171,7 +171,7 @@ class SprocketContact(ImpactLaw):
         gap: "minimum" or "maximum" gap, with profile "iso606".
         seat_angle: angle of the seat arc [degrees]; None is 140 - 90/z, less for few teeth.
         clearance: radius of the seat less radius of the roller [m]; needed with profile "circular".
-        bush_stiffness: of bush and pin, in series with the tooth [N/m]; None is rigid.
+        bush_stiffness: stiffness of bush and pin, in series with the tooth [N/m]; None is rigid.
     """
 
     profile: Annotated[Literal["circular", "iso606"], Value('must be "circular" or "iso606"')] = "circular"

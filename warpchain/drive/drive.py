@@ -128,7 +128,7 @@ class Drive(Part):
         shafts: (H,) that sprockets turn with.
         gears: gear pairs between shafts.
         couplings: springs and dampers with play between shafts.
-        temperature: of the drive [degrees C]; None is 20.
+        temperature: temperature of the drive [degrees C]; None is 20.
         expansion: coefficients of expansion; None is an aluminum block, steel wheels and chain.
         valves: groups of valves that cams lift.
 

@@ -141,8 +141,8 @@ class Guide(Part):
         points: corners of a line, to be rounded [m].
         arcs: arcs, with straight pieces on common tangents.
         profile: points of a measured line [m]; a file may name a file.
-        end_radius: of both ends [m]; None is a pitch, not with start and end.
-        radius: of the rounded corners of `points` [m].
+        end_radius: radius of both ends [m]; None is a pitch, not with start and end.
+        radius: radius of the rounded corners of `points` [m].
         side: on which the chain rides.
         offset: distance from the face to the rollers' centers [m]; None is the rollers' radius.
         chain: chain that it guides, where there are several.

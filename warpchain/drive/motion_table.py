@@ -53,7 +53,7 @@ class Table(Part):
         angle: forward angle since the start [rad] over whole revolutions; then it repeats.
         shaft: sprocket or shaft whose revolutions `angle` counts; None is the part's own.
         interpolation: "linear", or "cubic", a monotone cubic.
-        factor: of the quantity.
+        factor: factor of the quantity.
     """
 
     time: Column | None = None
@@ -140,7 +140,7 @@ class PlaceTable(Part):
         time: instants [s], ascending; before the first it rests.
         x: displacement to the right [m], 0 in the first row; None is 0.
         y: displacement upward [m], 0 in the first row; None is 0.
-        factor: of the displacements.
+        factor: factor of the displacements.
     """
 
     time: Column

@@ -84,7 +84,7 @@ class Motor(Part):
         torque: constant, or largest, moment [N m]; this or a table.
         power: largest power [W].
         table: torque over forward speed, time or the angle turned.
-        governor: of its speed.
+        governor: controls its speed.
         ramp_time: time over which the moment comes on [s].
     """
 
@@ -181,7 +181,7 @@ class Gear(Part):
     Attributes:
         name: unique among all parts.
         between: the two shafts, a and b.
-        teeth: of both gears, z_a and z_b.
+        teeth: teeth of both gears, z_a and z_b.
         module: pitch diameter over teeth [m].
         internal: whether one is an internal gear.
     """

@@ -44,7 +44,7 @@ class Harmonic(Part):
     Attributes:
         order: periods per revolution [-], halves for four-stroke engines.
         amplitude: share of the mean speed [-], or torque of a load [N m].
-        phase: at the initial angle [rad].
+        phase: phase at the initial angle [rad].
         shaft: sprocket or shaft of `order`'s revolutions; None is its own.
     """
 
@@ -140,12 +140,12 @@ class PrescribedMount(Part):
     """A sprocket's center led by center + direction (offset + amplitude sin(2 pi frequency t + phase)) or a table.
 
     Attributes:
-        direction: of the line; this or a table.
+        direction: direction of the line; this or a table.
         table: displacement from the center over time.
         offset: mean displacement [m].
         amplitude: amplitude [m].
         frequency: frequency [Hz].
-        phase: at the start [rad].
+        phase: phase at the start [rad].
     """
 
     kind: Literal["prescribed"]
@@ -172,8 +172,8 @@ class ElasticMount(Part):
     """A sprocket's center on a spring and a damper along each axis.
 
     Attributes:
-        stiffness: along x and y [N/m].
-        damping: along x and y [N s/m].
+        stiffness: stiffness along x and y [N/m].
+        damping: damping along x and y [N s/m].
         preload: constant force on the center [N].
     """
 
@@ -187,9 +187,9 @@ class SliderMount(Part):
     """A sprocket's center on a line, pressed by spring, damper and constant force: a tensioner.
 
     Attributes:
-        direction: of the line and of the preload.
-        stiffness: along the line [N/m].
-        damping: along the line [N s/m].
+        direction: direction of the line and of the preload.
+        stiffness: stiffness along the line [N/m].
+        damping: damping along the line [N s/m].
         preload: force along `direction` [N].
     """
 
@@ -275,14 +275,14 @@ class Sprocket(Part):
         teeth: number of teeth, z; an end of an open chain has none.
         center: its center [m].
         wrap: "ccw" if the chain turns counter-clockwise around it.
-        pitch: of its teeth, where worn [m]; None is the chain's.
+        pitch: pitch of its teeth, where worn [m]; None is the chain's.
         tooth: gap between its teeth, or a DXF file; None is that of `contact.sprocket`.
-        mass: without balance wheel [kg]; needed where forces move the center.
+        mass: mass without balance wheel [kg]; needed where forces move the center.
         inertia: moment of inertia without balance wheel [kg m^2]; needed unless prescribed or on a shaft.
         prescribed: prescribed motion.
         load: moment against forward rotation.
         balance_wheel: eccentric mass.
-        mount: of its center.
+        mount: mount of its center.
         shaft: shaft, or of several chains another sprocket, that it turns with.
         rim: radius of an end's pin on a wheel that turns about the center [m]; None is in the center.
         key: angle where the chain is laid [degrees], that of an end's pin on its rim; None is where it seats.

@@ -75,8 +75,8 @@ class Plunger(Part):
         diameter: diameter, d [m].
         mass: mass that moves with the point of contact [kg].
         gap: radial gap, h [m].
-        length: of the gap, L [m].
-        eccentricity: in the bore, eps [-], 1 at the wall.
+        length: length of the gap, L [m].
+        eccentricity: eccentricity in the bore, eps [-], 1 at the wall.
     """
 
     diameter: Positive | None = None
@@ -97,7 +97,7 @@ class Chamber(Part):
     """The pressure chamber of a tensioner.
 
     Attributes:
-        volume: of oil as drawn, V_0 [m^3].
+        volume: volume of oil as drawn, V_0 [m^3].
         drained: share that is air as the run begins [-].
     """
 
@@ -112,7 +112,7 @@ class Valve(Part):
         ball_radius: radius of the ball, r_B [m].
         seat_diameter: diameter of the hole [m].
         lift: largest lift [m].
-        stiffness: of the spring, k_cv [N/m].
+        stiffness: stiffness of the spring, k_cv [N/m].
         preload: force of the spring when closed, F_0 [N].
         seat_angle: angle of the cone's wall to its axis, gamma [degrees].
         discharge: discharge coefficient, C_d [-].
@@ -160,8 +160,8 @@ class Relief(Part):
 
     Attributes:
         pressure: absolute pressure above which it opens [Pa].
-        diameter: of the hole [m].
-        stiffness: of the spring [N/m].
+        diameter: diameter of the hole [m].
+        stiffness: stiffness of the spring [N/m].
         lift: largest lift [m].
         discharge: discharge coefficient of the gap, C_d [-].
     """
@@ -210,7 +210,7 @@ class Oil(Part):
         density: density [kg/m^3].
         viscosity: kinematic viscosity [m^2/s]; None is of the next two.
         viscosity_40, viscosity_100: kinematic viscosities at 40 and 100 degrees C [m^2/s].
-        bulk_modulus: of oil without air, E_0 [Pa].
+        bulk_modulus: bulk modulus of oil without air, E_0 [Pa].
         air: share of air at ambient pressure [-].
         supply: supply pressure, P_s [Pa]; of a table at rest.
         supply_table: supply pressure over time or speed; None is constant.
@@ -315,7 +315,7 @@ class Ratchet(Part):
     """A ratchet that lets a tensioner's plunger only out.
 
     Attributes:
-        pitch: of the teeth, a [m].
+        pitch: pitch of the teeth, a [m].
         backlash: way back behind the last tooth, s [m].
     """
 
@@ -330,7 +330,7 @@ class Tensioner(Part):
         name: unique among all parts.
         on: its arm or sprocket.
         at: point of contact as drawn [m].
-        direction: of the push.
+        direction: direction of the push.
         kind: "spring" or "hydraulic".
         spring: needed with kind "spring".
         plunger: needed with kind "hydraulic".

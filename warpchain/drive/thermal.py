@@ -32,9 +32,9 @@ class Expansion(Part):
     """Coefficients of linear expansion, or names of materials.
 
     Attributes:
-        block: of the housing that holds centers, guides and pivots [1/K].
-        wheels: of the sprockets [1/K].
-        chain: of the chains [1/K].
+        block: coefficient of the housing that holds centers, guides and pivots [1/K].
+        wheels: coefficient of the sprockets [1/K].
+        chain: coefficient of the chains [1/K].
     """
 
     block: Coefficient = MATERIALS["aluminum"]

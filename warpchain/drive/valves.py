@@ -114,7 +114,7 @@ class LiftTable(Part):
     Attributes:
         angle: forward angle [rad], ascending over one revolution or an equal part of one.
         lift: lift [m]; the last row repeats the first.
-        factor: of the lifts.
+        factor: factor of the lifts.
     """
 
     angle: Column
@@ -251,11 +251,11 @@ class Valves(Part):
     Attributes:
         name: unique among all parts.
         on: sprocket or shaft whose cams lift them.
-        number: of valves of each phase.
+        number: number of valves of each phase.
         phases: forward angles at which the cams begin [degrees].
         phase: further angle of all [degrees].
         mass: moving mass of a valve, at the valve [kg].
-        spring: of a valve.
+        spring: spring of a valve.
         profile: lift as a profile; this or a table.
         table: lift as a table.
     """
