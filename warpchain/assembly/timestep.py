@@ -56,8 +56,12 @@ def moving_bodies(of: Drive | ChainModel, held: bool = False) -> list[MovingBody
     K (z - 1) R^2 / J; an arm (k_t + k_stop + K sum r^2 + k_T l^2 + sum K z d^2 / 2) / I, r places a pitch apart on its
     faces, from its pivot, k_T a tensioner's or coil spring's stiffness, l its lever, d the centers of sprockets on it.
     """
+    return _moving_bodies(chains_of(of), held)
+
+
+def _moving_bodies(chains: Sequence[ChainModel], held: bool = False) -> list[MovingBody]:
+    """Moving bodies of a drive's chains, those of one shaft as one."""
     found: dict[str, MovingBody] = {}
-    chains = chains_of(of)
     for body in (body for model in chains for body in _bodies_of_chain(model, held)):
         known = found.get(body.name)
         found[body.name] = body if known is None else replace(known, square=known.square + body.square,
@@ -205,7 +209,8 @@ def highest_frequency(of: Drive | ChainModel, damped_links: bool = True, held: b
     The fastest of `moving_bodies` adds its omega^2. Unlike outer links have 2 (k_inner + k_outer) for 4 k. With
     `damped_links`, whose 2 (c_inner + c_outer) a roller feels, g + sqrt(g^2 + omega_max^2), g = c / (2 m).
     """
-    return _highest_of_chains(chains_of(of), moving_bodies(of, held), damped_links)
+    chains = chains_of(of)
+    return _highest_of_chains(chains, _moving_bodies(chains, held), damped_links)
 
 
 def _highest_of_chains(chains: Sequence[ChainModel], bodies: Sequence[MovingBody], damped_links: bool = True) -> float:
@@ -225,7 +230,8 @@ def _highest_of_chain(model: ChainModel, bodies: Sequence[MovingBody], damped_li
 
 def stiffest_part(drive: Drive) -> str:
     """Name of the part that needs the shortest time step."""
-    chains, bodies = Model(drive).chains, moving_bodies(drive)
+    chains = Model(drive).chains
+    bodies = _moving_bodies(chains)
     slowest = max(chains, key=lambda model: _highest_of_chain(model, bodies))
     fastest = max(bodies, key=lambda body: body.square + body.rate * body.rate, default=MovingBody("", 0.0, 0.0))
     held = _highest_of_chain(slowest, [])
@@ -253,8 +259,9 @@ def step_limit(of: Drive | ChainModel, held: bool = False) -> float:
 
     A body's damper c_b acts half a step late, so that omega_max^2 h^2 + 2 h c_b / M < 4.
     """
-    bodies = moving_bodies(of, held)
-    omega = _highest_of_chains(chains_of(of), bodies)
+    chains = chains_of(of)
+    bodies = _moving_bodies(chains, held)
+    omega = _highest_of_chains(chains, bodies)
     rate = maximum(0.0, *(body.rate for body in bodies))
     return 4.0 / (rate + sqrt(rate * rate + 4.0 * omega * omega))
 

@@ -162,7 +162,7 @@ class _ColumnStacker:
             if first and type(first[0]) in _FREE_PARTS:
                 return _stack_free_parts(values)
             return _tuple_if_changed(first, tuple(map(self.stack_column, zip(*values, strict=True))))
-        changed = self._stack_fields(first, [value.__dict__ for value in values])
+        changed = self._stack_fields(first, list(map(_given_values, values)))
         return _changed_copy(first, changed)
 
     def _stack_fields(self, first: Part | ChainModel, fields: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
@@ -239,9 +239,18 @@ def pick_variants(value: StackedValue, places: Any) -> StackedValue:
         return replace(value, **found)
     if not isinstance(value, Part | ChainModel) or isinstance(value, _WHOLE_TABLES):
         return value
-    new = {name: pick_variants(inner, places) for name, inner in value.__dict__.items()}
-    changed = {name: inner for name, inner in new.items() if inner is not value.__dict__[name]}
+    old = _given_values(value)
+    new = {name: pick_variants(inner, places) for name, inner in old.items()}
+    changed = {name: inner for name, inner in new.items() if inner is not old[name]}
     return _changed_copy(value, changed)
+
+
+def _given_values(value: Any) -> Mapping[str, Any]:
+    """Values of a part or chain model by name, without those that a model has computed of them."""
+    if isinstance(value, ChainModel):
+        return {field.name: value.__dict__[field.name] for field in fields(value)}
+    given: Mapping[str, Any] = value.__dict__
+    return given
 
 
 def _changed_copy(value: Any, changed: Mapping[str, Any]) -> Any:
@@ -277,7 +286,7 @@ def _tuple_if_changed(old: tuple[Any, ...], new: tuple[Any, ...]) -> tuple[Any, 
 
 def variant_count(drive: Drive | ChainModel) -> int:
     """Number of variants of a stack; 1 without arrays."""
-    todo: list[Iterable[Any]] = [drive.__dict__.values()]
+    todo: list[Iterable[Any]] = [_given_values(drive).values()]
     while todo:
         for value in todo.pop():
             kind = type(value)
@@ -297,7 +306,7 @@ def stack_arrays(value: Any) -> Iterator[NDArray[np.float64]]:
         for inner in value:
             yield from stack_arrays(inner)
     elif isinstance(value, Part | ChainModel) and not isinstance(value, _WHOLE_TABLES):
-        yield from stack_arrays(tuple(value.__dict__.values()))
+        yield from stack_arrays(tuple(_given_values(value).values()))
 
 
 def first_refused_variant(stack: Stack[Of], attempt: Callable[[Of], object]) -> tuple[int, DriveError]:
