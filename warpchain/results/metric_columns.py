@@ -31,7 +31,6 @@ from warpchain.results.metric_formulas import (
     flow_of,
     impact_impulse,
     mean_of,
-    partner_names,
     peak_factor,
     rated_use,
     rms_of,
@@ -49,27 +48,34 @@ if TYPE_CHECKING:
     from warpchain.model import ChainModel
 
 
-PART_PREFIXES: dict[str, Callable[[ChainModel], list[str]]] = {
-    "chain": lambda model: [""],
-    "strand": lambda model: [f"{name}." for name in model.strand_names],
-    "sprocket": lambda model: [f"{sprocket.name}." for sprocket in model.sprockets],
-    "partner": lambda model: [f"{name}." for name in partner_names(model)],
-    "arm": lambda model: [f"{arm.name}." for arm in model.arms],
-    "tensioner": lambda model: [f"{tensioner.name}." for tensioner in model.tensioners],
-    "shaft": lambda model: [f"{shaft.name}." for shaft in model.own_shafts],
-    "coupling": lambda model: [f"{coupling.name}." for coupling in model.couplings],
-    "gear": lambda model: [f"{gear.name}." for gear in model.gears],
-    "valve": lambda model: [f"{valves.name}." for valves in model.valves],
-    "probe": lambda model: [f"{probe.name}." for probe in model.probes],
+PART_LISTS = {
+    "sprocket": ("sprockets",),
+    "partner": ("sprockets", "guides"),
+    "arm": ("arms",),
+    "tensioner": ("tensioners",),
+    "shaft": ("own_shafts",),
+    "coupling": ("couplings",),
+    "gear": ("gears",),
+    "valve": ("valves",),
+    "probe": ("probes",),
 }
-"""Functions that give metric prefixes of a drive's parts."""
+"""Lists of a chain model that hold the parts of a kind."""
+
+
+def part_prefixes(model: ChainModel, part: str) -> list[str]:
+    """Prefixes of a chain's metrics by its parts of a kind: "" of the "chain", else names and dots."""
+    if part == "chain":
+        return [""]
+    if part == "strand":
+        return [f"{name}." for name in model.strand_names]
+    return [f"{of.name}." for parts in PART_LISTS[part] for of in getattr(model, parts)]
 
 
 @dataclass(frozen=True)
 class MetricGroup:
     """Metric columns of one kind of part, formed alike."""
 
-    part: str  # key of `PART_PREFIXES`
+    part: str  # "chain", "strand", or a key of `PART_LISTS`
     columns: tuple[Column, ...]
     source: str = ""  # field of `kernels.structs.Sums`
     weight: Callable[[Any, VariantValues, VariantValues], VariantValues] = lambda sums, duration, rollers: duration
@@ -623,7 +629,7 @@ def groups_of_drive(model: ChainModel, blocks: GroupBlocks = ALL_METRICS) -> lis
     return [
         (prefix, index, group)
         for groups in blocks
-        for index, prefix in enumerate(PART_PREFIXES[groups[0].part](model))
+        for index, prefix in enumerate(part_prefixes(model, groups[0].part))
         for group in groups
         if group.applies_to is None or group.applies_to(model, index)
     ]
@@ -634,8 +640,6 @@ CHAIN_PARTS = ("chain", "strand")
 CHAIN_BALANCE_NAMES = ("links.dissipated",)
 """Energy balance's metric columns of chains."""
 
-CONDITIONAL_GROUPS = tuple(group for groups in ALL_METRICS for group in groups if group.applies_to is not None)
-
 
 def _columns_key(drive: Drive) -> Hashable:
     """Key of drives with equal metric columns."""
@@ -644,17 +648,9 @@ def _columns_key(drive: Drive) -> Hashable:
 
 def _chain_columns_key(model: ChainModel) -> Hashable:
     """Key of a chain's columns, its energy balance's terms and its driver."""
-    has = (
-        group.applies_to(model, i)
-        for group in CONDITIONAL_GROUPS
-        for i in range(len(PART_PREFIXES[group.part](model)))
-        if group.applies_to
-    )
-    sprockets = ((sprocket.name, is_free_body(model, s)) for s, sprocket in enumerate(model.sprockets))
-    trains = (part.name for parts in (model.shafts, model.couplings, model.gears, model.valves) for part in parts)
-    bodies = (*(arm.name for arm in model.arms), None, *(tensioner.name for tensioner in model.tensioners))
-    names = (*sprockets, None, *(guide.name for guide in model.guides), None, *bodies, None, *trains)
-    return (model.driver, *names, None, *has)
+    groups = tuple((prefix, id(group)) for prefix, _, group in groups_of_drive(model))
+    bodies = (*(is_free_body(model, s) for s in range(len(model.sprockets))), *(shaft.name for shaft in model.shafts))
+    return model.driver, bodies, groups
 
 
 def variants_by_columns(

@@ -116,6 +116,37 @@ def partner_names(model: ChainModel) -> list[str]:
 
 
 @dataclass(frozen=True)
+class BatchSums:
+    """Sums over each batch of the window of V variants.
+
+    Attributes:
+        sums: by name and field, (V, ..., batches).
+        durations: (V, batches) of the batches [s]; nan where the window is too short for them.
+    """
+
+    sums: Mapping[str, Mapping[str, NDArray[Any]]]
+    durations: NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class VariantSums:
+    """Sums over the window of a chain of V variants with S sprockets, G guides, A arms and T tensioners.
+
+    Attributes:
+        whole: by name: "chain" (V,), "strand", "sprocket", "mount", "slip" (V, S), "contact" (V, S + G), "arm" (V, A),
+            "tensioner" (V, T) and so on.
+        batches: over batches for standard errors.
+        long_batches: over those for drifts.
+        tension: counts (V, S + 1, bins) of link tensions, and edges (V, bins + 1) of the bins [N].
+    """
+
+    whole: Mapping[str, NDArray[Any]]
+    batches: BatchSums
+    long_batches: BatchSums
+    tension: tuple[NDArray[np.integer], NDArray[np.float64]]
+
+
+@dataclass(frozen=True)
 class WindowSums:
     """Sums of some parts of V variants over the window, for metrics; R rows, V times the parts."""
 
