@@ -19,7 +19,7 @@ from warpchain.assembly.bounds import tension_scale
 from warpchain.assembly.stack_assembly import Assemblies, assemble_stacks
 from warpchain.assembly.table_cells import TableList
 from warpchain.drive import Drive
-from warpchain.engine.arrays import DIMENSIONS, dtype_of, fill_first_places
+from warpchain.engine.arrays import FIRST_ITEMS, dtype_of, fill_first_places
 from warpchain.engine.body_struct_rows import (
     fill_arm_row,
     fill_coupling_row,
@@ -170,7 +170,7 @@ def _fill_rows(array: NDArray[Any], places: NDArray[Any], fill: Callable[..., No
 def _pack_stack(packed: PackedEnsemble, part: Stack[ChainModel], assembly: Assembly, gathered: SharedRows) -> None:
     """Packs a stack's variants, in their initial states."""
     model, v = part.one, part.members
-    at = {kind.first: packed.drives[kind.first][v].astype(np.int64) for kind in DIMENSIONS.values() if kind.first}
+    at = {name: packed.drives[name][v].astype(np.int64) for name in FIRST_ITEMS}
     packed.drives["tension_scale"][v] = tension_scale(model, assembly)
     _fill_rows(packed.chains, v, fill_chain_row, model, assembly)
     if model.chain.is_silent:

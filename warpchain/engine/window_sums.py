@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from warpchain.engine.arrays import ARRAYS, first_places
 from warpchain.engine.packed_ensemble import PackedEnsemble, consecutive_places
 from warpchain.kernels.statistics import BATCHES, BINS, STEP, ZERO
-from warpchain.results.metric_formulas import BatchSums, VariantSums, LazyFields
+from warpchain.results.metric_formulas import BatchSums, LazyFields, VariantSums
 
 LONG_BATCHES = 20
 """Parts of a window, of several batches each, for drifts."""

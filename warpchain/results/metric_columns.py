@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable, Hashable, Iterable, Sequence
 from dataclasses import dataclass
 from functools import cache
+from operator import attrgetter
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -365,23 +366,23 @@ GOODS_METRICS = MetricGroup(
 BALANCE_METRICS = MetricGroup(
     "chain",
     (
-        Column("input_work", "J", "work of what prescribes angles and centers", lambda balance: balance.input),
-        Column("output_work", "J", "work against the loads, and on goods", lambda balance: balance.output),
+        Column("input_work", "J", "work of what prescribes angles and centers", attrgetter("input")),
+        Column("output_work", "J", "work against the loads, and on goods", attrgetter("output")),
         Column(
             "efficiency",
             "1",
             "output work over itself and the losses",
-            lambda balance: balance.efficiency,
+            attrgetter("efficiency"),
         ),
-        Column("links.dissipated", "J", "energy dissipated in the links", lambda balance: balance.links),
-        Column("energy_change", "J", "change of the mechanical energy", lambda balance: balance.change),
-        Column("energy_change_relative", "1", "that change over the losses", lambda balance: balance.relative_change),
-        Column("energy_residual", "J", "what the energy balance misses", lambda balance: balance.residual),
+        Column("links.dissipated", "J", "energy dissipated in the links", attrgetter("links")),
+        Column("energy_change", "J", "change of the mechanical energy", attrgetter("change")),
+        Column("energy_change_relative", "1", "that change over the losses", attrgetter("relative_change")),
+        Column("energy_residual", "J", "what the energy balance misses", attrgetter("residual")),
         Column(
             "energy_residual_relative",
             "1",
             "residual over the energy turned over",
-            lambda balance: balance.relative_residual,
+            attrgetter("relative_residual"),
         ),
     ),
 )
@@ -392,17 +393,17 @@ STEADY_METRICS = MetricGroup(
             "tension_drift",
             "N",
             "change of the mean tension over the window",
-            lambda of: of.tension_change,
+            attrgetter("tension_change"),
             is_aside=True,
         ),
         Column(
             "tension_drift_p",
             "1",
             "probability of such a change by chance",
-            lambda of: of.tension_change_chance,
+            attrgetter("tension_change_chance"),
             is_aside=True,
         ),
-        Column("steady", "1", "whether neither tension nor speeds drift", lambda of: of.is_steady, bool, is_aside=True),
+        Column("steady", "1", "whether neither tension nor speeds drift", attrgetter("is_steady"), bool, is_aside=True),
     ),
 )
 PEAK_FACTOR = Column("peak_factor", "1", "largest over mean tension", peak_factor)
