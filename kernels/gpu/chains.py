@@ -68,9 +68,8 @@ def chain_functions(kind: BlockKind) -> ChainFunctions:
     def chain_number_of_guide(shared: Shared, g: int):
         """The number of guide g's chain."""
         number = int(0)
-        if wp.static(several):
-            for r in range(1, chain_count):
-                number = number + wp.where(g >= shared.chain_places[r].first_guide, 1, 0)
+        for r in range(1, chain_count):
+            number = number + wp.where(g >= shared.chain_places[r].first_guide, 1, 0)
         return number
 
     @wp.func
@@ -100,22 +99,25 @@ def chain_functions(kind: BlockKind) -> ChainFunctions:
             return shared.chains[chain_number(shared, j)]
 
     @wp.func
-    def chain_span(shared: Shared, j: int, n: int):
-        """The first roller of roller j's chain, and how many it has; all chains together have `n`."""
+    def span_of_chain(shared: Shared, r: int, n: int):
+        """The first roller of chain r, and how many it has; all chains together have `n`."""
         if wp.static(several):
-            place = shared.chain_places[chain_number(shared, j)]
+            place = shared.chain_places[r]
             return place.first_roller, place.end_roller - place.first_roller
         else:
             return 0, n
 
     @wp.func
+    def chain_span(shared: Shared, j: int, n: int):
+        """The first roller of roller j's chain, and how many it has; all chains together have `n`."""
+        first, count = span_of_chain(shared, chain_number(shared, j), n)
+        return first, count
+
+    @wp.func
     def own_chain_span(shared: Shared, mine: ThreadParts):
         """The first roller of the chain on the thread's body, and how many it has."""
-        if wp.static(several):
-            place = shared.chain_places[mine.drive_row - mine.variant]
-            return place.first_roller, place.end_roller - place.first_roller
-        else:
-            return 0, mine.rollers
+        first, count = span_of_chain(shared, mine.drive_row - mine.variant, mine.rollers)
+        return first, count
 
     @wp.func
     def next_roller(shared: Shared, j: int, n: int):
