@@ -86,17 +86,12 @@ def has_batches(window: NDArray[Any] | int, sample_interval: NDArray[Any] | int,
 
 def batch_durations(drives: NDArray[Any], batches: int = int(BATCHES)) -> NDArray[np.float64]:
     """Durations (V, batches) [s] of window batches, or nan."""
-    start, noted, end = _batch_edges(drives, batches)
-    half = 0.5  # the first and the last step of a window stand for half a step
-    steps = np.diff(np.concatenate([start + half, noted, end + half], axis=1), axis=1)
-    steps[~has_batches((end - start)[:, 0], drives["sample_interval"].astype(np.int64), batches)] = np.nan
-    return steps * drives["step"][:, None]
-
-
-def _batch_edges(drives: NDArray[Any], batches: int) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int64]]:
-    """Steps at which windows begin, batches end, windows end."""
     start, end, every = (drives[name].astype(np.int64) for name in ("window_start", "window_end", "sample_interval"))
-    return start[:, None], note_steps(start, end, every, batches), end[:, None]
+    half = 0.5  # the first and the last step of a window stand for half a step
+    edges = [start[:, None] + half, note_steps(start, end, every, batches), end[:, None] + half]
+    steps = np.diff(np.concatenate(edges, axis=1), axis=1)
+    steps[~has_batches(end - start, every, batches)] = np.nan
+    return steps * drives["step"][:, None]
 
 
 def batch_sums(notes: NDArray[Any], totals: NDArray[Any]) -> Mapping[str, NDArray[Any]]:

@@ -421,14 +421,16 @@ def _reasons_beyond_limits(
     prefixes = {prefix for drive in drives for prefix in drive.chain_prefixes}
     each = partial(number_of_each_drive, drives, stacks)
     starts = each(lambda drive: drive.run.start) != 0.0
+    parts_by_column: dict[str, list[str]] = {}
+    for name in columns:
+        of, _, column = name.rpartition(".")
+        parts_by_column.setdefault(column, []).append(of)
     for r, rule in enumerate(LIMIT_RULES):
         limit = float(getattr(limits, rule.key))
         if limit == (0.0 if rule.is_lower else np.inf):
             continue
-        for name in columns:
-            of, _, column = name.rpartition(".")
-            if column != rule.column:
-                continue
+        for of in parts_by_column.get(rule.column, ()):
+            name = f"{of}.{rule.column}" if of else rule.column
             mine = _is_judged_by_rule(drives, of, rule, prefixes) & ~(rule.after_start & starts)
             if not mine.any():
                 continue

@@ -642,16 +642,11 @@ CHAIN_BALANCE_NAMES = ("links.dissipated",)
 """Energy balance's metric columns of chains."""
 
 
-def _columns_key(drive: Drive) -> Hashable:
-    """Key of drives with equal metric columns."""
-    return tuple((chain.name, _chain_columns_key(chain)) for chain in Model(drive).chains)
-
-
-def _chain_columns_key(model: ChainModel) -> Hashable:
+def _columns_key(model: ChainModel) -> Hashable:
     """Key of a chain's columns, its energy balance's terms and its driver."""
     groups = tuple((prefix, id(group)) for prefix, _, group in groups_of_drive(model))
     bodies = (*(is_free_body(model, s) for s in range(len(model.sprockets))), *(shaft.name for shaft in model.shafts))
-    return model.driver, bodies, groups
+    return model.name, model.driver, bodies, groups
 
 
 def variants_by_columns(
@@ -660,7 +655,8 @@ def variants_by_columns(
     """Numbers of drives, grouped by equal metric columns."""
     kinds: dict[Hashable, list[NDArray[np.int64]]] = {}
     for stack in stacks_of_drives(drives) if stacks is None else stacks:
-        kinds.setdefault(_columns_key(drives[int(stack.members[0])]), []).append(stack.members)
+        key = tuple(map(_columns_key, Model(drives[int(stack.members[0])]).chains))
+        kinds.setdefault(key, []).append(stack.members)
     return [np.sort(np.concatenate(numbers)) for numbers in kinds.values()]
 
 

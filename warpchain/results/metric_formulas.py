@@ -333,10 +333,6 @@ class DesignInputs:
         """Mass of a roller (V,) [kg]."""
         return self.number_of_each(lambda model: model.chain.mass)
 
-    def tooth_count(self, s: int) -> NDArray[np.float64]:
-        """Number of teeth of a sprocket (V,)."""
-        return self.number_of_each(lambda model: model.sprockets[s].teeth)
-
     def sprocket_turns(self, s: int) -> NDArray[Any]:
         """Revolutions of a sprocket in the window (V,)."""
         names = ("window_start", "window_end", f"{self.models[0].sprockets[s].name}.speed_mean")
@@ -393,5 +389,6 @@ def rated_use(of: DesignInputs) -> VariantValues:
 
 def impact_impulse(of: DesignInputs) -> VariantValues:
     """Metric impact impulse of a sprocket (V,) [N s]."""
-    passings = of.tooth_count(of.index) * of.sprocket_turns(of.index)
+    teeth = of.number_of_each(lambda model: model.sprockets[of.index].teeth)
+    passings = teeth * of.sprocket_turns(of.index)
     return mask_absent(passings > 0.0, np.sqrt(2.0 * of.roller_mass * np.maximum(of["dissipated"], 0.0) / passings))

@@ -5,7 +5,7 @@ Columns and formulas are in the registry (`results.metric_columns`).
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, fields
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, Generic
@@ -346,10 +346,11 @@ def metric_blocks(
         ends_of_chains: ends and sums of each chain of some variants.
     """
     found: ColumnBlocks = []
-    for variants in _split_variants(variants_by_columns(ended.drives, ended.stacks)):
-        parts, prefixes = ends_of_chains(variants), ended.drives[variants[0]].chain_prefixes
-        alone = len(parts) == 1
-        found.append((variants, metrics_of_variants(*parts[0]) if alone else metrics_of_chains(prefixes, parts)))
+    for alike in variants_by_columns(ended.drives, ended.stacks):
+        for variants in np.split(alike, range(LARGEST_STACK, len(alike), LARGEST_STACK)):
+            parts, prefixes = ends_of_chains(variants), ended.drives[variants[0]].chain_prefixes
+            alone = len(parts) == 1
+            found.append((variants, metrics_of_variants(*parts[0]) if alone else metrics_of_chains(prefixes, parts)))
     return found
 
 
@@ -376,12 +377,6 @@ def metrics_table(ended: VariantEnds[Drive], blocks: ColumnBlocks, limits: Limit
     return _table_of_columns(
         {name: words.get(name) or columns[name] for name in sorted(columns, key=places.__getitem__)}
     )
-
-
-def _split_variants(kinds: Iterable[NDArray[np.int64]]) -> Iterator[NDArray[np.int64]]:
-    """Variants of a kind, some at a time."""
-    for variants in kinds:
-        yield from np.split(variants, range(LARGEST_STACK, len(variants), LARGEST_STACK))
 
 
 def table_from_rows(rows: Sequence[Row]) -> pa.Table:
