@@ -636,7 +636,7 @@ def shape_of(variants, each):
 def pack_for(variants, schedules, precision):
     """An ensemble whose frames have every channel that its drives have."""
     rows = ChainRows(variants, stacks_of_drives(variants))
-    packed = pack(rows.models, rows.schedules_by_row(schedules_as_columns(schedules)))
+    packed = pack(rows.models, schedules_as_columns(schedules)[rows.variant_of_row])
     rows.couple_chains(packed)
     packed = packed.at_precision(precision)
     return replace(packed, frame=frame_with_channels(CHANNEL_NAMES if packed.joint_friction_kinds.any() else ()))

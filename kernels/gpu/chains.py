@@ -67,9 +67,8 @@ def chain_functions(kind: BlockKind) -> ChainFunctions:
     def chain_number_of_guide(shared: Shared, g: int):
         """Number of the chain of guide g on a block."""
         number = int(0)
-        if wp.static(several):
-            for r in range(1, chain_count):
-                number = number + wp.where(g >= shared.chain_places[r].first_guide, 1, 0)
+        for r in range(1, chain_count):
+            number = number + wp.where(g >= shared.chain_places[r].first_guide, 1, 0)
         return number
 
     @wp.func
@@ -99,22 +98,25 @@ def chain_functions(kind: BlockKind) -> ChainFunctions:
             return shared.chains[chain_number(shared, j)]
 
     @wp.func
-    def chain_span(shared: Shared, j: int, n: int):
-        """First roller and number of rollers of a block's roller j's chain; `n` of all chains."""
+    def span_of_chain(shared: Shared, r: int, n: int):
+        """First roller and number of rollers of chain r on a block; `n` of all chains."""
         if wp.static(several):
-            place = shared.chain_places[chain_number(shared, j)]
+            place = shared.chain_places[r]
             return place.first_roller, place.end_roller - place.first_roller
         else:
             return 0, n
 
     @wp.func
+    def chain_span(shared: Shared, j: int, n: int):
+        """First roller and number of rollers of the chain of a block's roller j; `n` of all chains."""
+        first, count = span_of_chain(shared, chain_number(shared, j), n)
+        return first, count
+
+    @wp.func
     def own_chain_span(shared: Shared, mine: ThreadParts):
         """First roller and number of rollers of the chain of the thread's body."""
-        if wp.static(several):
-            place = shared.chain_places[mine.drive_row - mine.variant]
-            return place.first_roller, place.end_roller - place.first_roller
-        else:
-            return 0, mine.rollers
+        first, count = span_of_chain(shared, mine.drive_row - mine.variant, mine.rollers)
+        return first, count
 
     @wp.func
     def next_roller(shared: Shared, j: int, n: int):

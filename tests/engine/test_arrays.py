@@ -7,7 +7,7 @@ from drives import example
 
 from warpchain.engine.arrays import (
     ARRAYS,
-    DIMENSIONS,
+    FIRST_ITEMS,
     PACKED_ARRAYS,
     array_lengths,
     array_type,
@@ -75,9 +75,8 @@ def test_arrays_are_as_the_table_says():
                 np.testing.assert_array_equal(array.numpy(), getattr(packed, row.packed_name), err_msg=name)
             elif group in ("state", "tallies") and row.dimension:
                 assert not any(array.numpy().tobytes()), name
-    for kind, places in first.items():
-        if DIMENSIONS[kind].first:
-            np.testing.assert_array_equal(packed.drives[DIMENSIONS[kind].first], places[:-1])
+    for name in FIRST_ITEMS:
+        np.testing.assert_array_equal(packed.drives[name], first[name.removeprefix("first_")][:-1])
 
 
 def test_precisions_and_copies_go_by_the_table():

@@ -13,6 +13,7 @@ from warpchain.kernels.statistics import BATCHES
 from warpchain.model import single_chain
 from warpchain.results import metrics
 from warpchain.results.metric_columns import variants_by_columns
+from warpchain.results.metric_formulas import BatchSums, VariantSums
 from warpchain.results.metrics import VariantEnds, _arrow_column, energy_balance, metric_blocks, metrics_table
 from warpchain.results.schedule import Schedule
 
@@ -69,7 +70,7 @@ def table_of(chosen: list[int]) -> pa.Table:
     ended = VariantEnds(mine, schedules, steps, np.array(chosen) == 2, settled[chosen])
     chains = replace(ended, drives=list(map(single_chain, mine)))
 
-    def stacked(numbers: np.ndarray) -> dict[str, np.ndarray]:
+    def stacked(numbers: np.ndarray) -> VariantSums:
         each = [sums_of(mine[n], chosen[n]) for n in numbers]
         names = (*STRUCTS, "tension", "edges", "durations")
         stacked = {name: np.stack([sums[name] for sums in each]) for name in names}
@@ -78,8 +79,8 @@ def table_of(chosen: list[int]) -> pa.Table:
             mine_ = [sums[f"{name}_batches"] for sums in each]
             batches[name] = {field: np.stack([rows[field] for rows in mine_]) for field in mine_[0]}
         tension = stacked.pop("tension"), stacked.pop("edges")
-        batched = batches, stacked.pop("durations")
-        return {**stacked, "batches": batched, "parts": batched, "tension": tension}
+        batched = BatchSums(batches, stacked.pop("durations"))
+        return VariantSums(stacked, batched, batched, tension)
 
     return metrics_table(
         ended, metric_blocks(ended, lambda variants: [(chains.select_variants(variants), stacked(variants))])

@@ -182,8 +182,8 @@ class ArchiveParts:
         whole = [part.file.path for part in self._parts if self._salvage and part.file.is_finished]
         words = [str(file.partial_path) for file in self._unfinished_files()]
         if whole:
-            several = f"{len(whole)} whole files, {whole[0]} to {whole[-1].name}"
-            words.insert(0, several if len(whole) > 1 else f"the whole file {whole[0]}")
+            files = f"{len(whole)} whole files, {whole[0]} to {whole[-1].name}"
+            words.insert(0, files if len(whole) > 1 else f"the whole file {whole[0]}")
         return f"what was written until then is in {', '.join(words)}: see warpchain recover" if words else ""
 
     def refusal_error(self, error: ArchiveError) -> ArchiveError:

@@ -92,7 +92,7 @@ def nearest_strand(model: ChainModel, g: int, strands: Sequence[Line]) -> tuple[
             ahead = (x - sx) * ux + (y - sy) * uy
             beside = (ahead > 0.0) & (ahead < length)
             count = count + beside
-            height = height + where(beside, side * ((sy - y) * ux - (sx - x) * uy), 0.0)
+            height = height + beside * (side * ((sy - y) * ux - (sx - x) * uy))
         if shared_value(count == 0):
             continue
         height = height / maximum(count, 1)

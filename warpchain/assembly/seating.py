@@ -31,7 +31,7 @@ from warpchain.drive.stack_math import (
     UnlikeVariants,
     ceil,
     columns_of_table,
-    cos,
+    cos_sin,
     floor,
     has_arrays,
     hypot,
@@ -41,7 +41,6 @@ from warpchain.drive.stack_math import (
     pairwise_sum,
     pick_places,
     shared_value,
-    sin,
     table_of_columns,
     where,
 )
@@ -329,7 +328,7 @@ class Loop:
         """Strand k from seat to seat, around its guides."""
         following = (k + 1) % self.size
         leave, arrive = self.end_seat_angles(seating, k)
-        leaving, arriving = (cos(leave), sin(leave)), (cos(arrive), sin(arrive))
+        leaving, arriving = cos_sin(leave), cos_sin(arrive)
         string = self.string(seating, k) if self.around else None
         if string is not None:
             length = string.chain_length(self.pitch) + self.chords[k]

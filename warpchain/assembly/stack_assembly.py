@@ -74,6 +74,13 @@ class Assemblies(Sequence[Assembly]):
             whole = len(rows) == len(state.position) and bool((rows == np.arange(len(rows))).all())
             yield places, state if whole else state.of(rows)
 
+    def parts_of_stacks(self, stacks: Sequence[Stack[ChainModel]]) -> Iterator[tuple[Stack[ChainModel], Assembly]]:
+        """Yields stacks in parts of one block each, and their initial states."""
+        for stack in stacks:
+            for places, state in self.states_by_block(stack.members):
+                whole = len(places) == len(stack.members)
+                yield stack if whole else Stack(stack.members[places], pick_variants(stack.one, places)), state
+
 
 def assemble_stacks(stacks: Sequence[Stack], numbers: Places | None = None) -> Assemblies:
     """Initial states of all variants of stacks of drives.
@@ -184,14 +191,12 @@ def layout_faults_of_drives(
     """Layout faults of each drive, a line each; equal layouts are checked once."""
     found: list[tuple[str, ...]] = [()] * len(models)
     known: dict[tuple[int, ...], tuple[str, ...]] = {}
-    for stack in stacks_of_drives(models) if stacks is None else stacks:
-        for places, assembly in assemblies.states_by_block(stack.members):
-            members = stack.members[places]
-            for v in members[has_possible_faults(pick_variants(stack.one, places), assembly.path)].tolist():
-                key = (int(assemblies.block[v]), int(assemblies.row[v]), *map(id, models[v].guides))
-                if key not in known:
-                    known[key] = layout_faults(models[v], assemblies[v].path)
-                found[v] = known[key]
+    for part, assembly in assemblies.parts_of_stacks(stacks_of_drives(models) if stacks is None else stacks):
+        for v in part.members[has_possible_faults(part.one, assembly.path)].tolist():
+            key = (int(assemblies.block[v]), int(assemblies.row[v]), *map(id, models[v].guides))
+            if key not in known:
+                known[key] = layout_faults(models[v], assemblies[v].path)
+            found[v] = known[key]
     return found
 
 

@@ -53,8 +53,12 @@ def moving_bodies(of: Drive | ChainModel, held: bool = False) -> list[MovingBody
 
     Sprockets of one shaft are one. The frequencies: docs/moving-sprockets.md, docs/solving.md.
     """
+    return _moving_bodies(chains_of(of), held)
+
+
+def _moving_bodies(chains: Sequence[ChainModel], held: bool = False) -> list[MovingBody]:
+    """Moving bodies of a drive's chains, those of one shaft as one."""
     found: dict[str, MovingBody] = {}
-    chains = chains_of(of)
     for body in (body for model in chains for body in _bodies_of_chain(model, held)):
         known = found.get(body.name)
         found[body.name] = body if known is None else replace(known, square=known.square + body.square,
@@ -201,7 +205,8 @@ def highest_frequency(of: Drive | ChainModel, damped_links: bool = True, held: b
 
     With `damped_links` g + sqrt(g^2 + omega_max^2), g = (c_inner + c_outer) / m.
     """
-    return _highest_of_chains(chains_of(of), moving_bodies(of, held), damped_links)
+    chains = chains_of(of)
+    return _highest_of_chains(chains, _moving_bodies(chains, held), damped_links)
 
 
 def _highest_of_chains(chains: Sequence[ChainModel], bodies: Sequence[MovingBody], damped_links: bool = True) -> float:
@@ -221,7 +226,8 @@ def _highest_of_chain(model: ChainModel, bodies: Sequence[MovingBody], damped_li
 
 def stiffest_part(drive: Drive) -> str:
     """Name of the part that needs the shortest time step."""
-    chains, bodies = Model(drive).chains, moving_bodies(drive)
+    chains = Model(drive).chains
+    bodies = _moving_bodies(chains)
     slowest = max(chains, key=lambda model: _highest_of_chain(model, bodies))
     fastest = max(bodies, key=lambda body: body.square + body.rate * body.rate, default=MovingBody("", 0.0, 0.0))
     held = _highest_of_chain(slowest, [])
@@ -246,8 +252,9 @@ def _stiffest_of_chain(model: ChainModel) -> str:
 
 def step_limit(of: Drive | ChainModel, held: bool = False) -> float:
     """Largest stable time step of leapfrog [s] (docs/solving.md); `held` as of `moving_bodies`."""
-    bodies = moving_bodies(of, held)
-    omega = _highest_of_chains(chains_of(of), bodies)
+    chains = chains_of(of)
+    bodies = _moving_bodies(chains, held)
+    omega = _highest_of_chains(chains, bodies)
     rate = maximum(0.0, *(body.rate for body in bodies))
     return 4.0 / (rate + sqrt(rate * rate + 4.0 * omega * omega))
 

@@ -8,10 +8,10 @@ from typing import Any
 
 from warpchain.drive.catalogue import CHAINS, STEEL, CatalogueChain
 from warpchain.drive.contact_settings import MATERIALS
+from warpchain.drive.parts_by_chain import Path, chain_nodes
 from warpchain.drive.quantities import converted_number
 from warpchain.drive.schema import Part, are_numbers, node_list, node_value
 
-Path = tuple[str | int, ...]
 Values = Iterator[tuple[Path, Any]]
 
 CLEARANCE, BUSH_STIFFNESS = 0.004, 5.0e9
@@ -60,7 +60,7 @@ def default_values(values: Any) -> dict[Path, Any]:
     """Defaults by key path that a drive's values leave out."""
     if not isinstance(values, Mapping):
         return {}
-    chains = node_list(values, "chains") or [node_value(values, "chain")]
+    chains = [chain for _, chain in chain_nodes(values)]
     found = dict(_end_values(values, chains)) | dict(_chain_values(values, len(chains) == 1))
     found |= dict(_contact_values(values, chains[0]))
     return found | dict(_run_values(values, chains[0], found))
@@ -102,9 +102,7 @@ def _chain_pitch(chain: Any) -> float | None:
 
 def _chain_values(values: Mapping[str, Any], alone: bool) -> Values:
     """Defaults of chains with a size, and a single one's sprockets."""
-    several = node_list(values, "chains")
-    for k, chain in enumerate(several or [node_value(values, "chain")]):
-        place: Path = ("chains", k) if several else ("chain",)
+    for place, chain in chain_nodes(values):
         if _catalogue_row(chain) is None or isinstance(chain, Part):
             continue
         if node_value(chain, "stiffness") is None:

@@ -264,8 +264,8 @@ class Drive(Part):
     def _problem(cls, detail: Any, values: Any) -> Problem:
         """A validator's error as a problem of the drive."""
         problem = super()._problem(detail, values)
-        several = problem.path == ("chain",) and isinstance(problem.value, list | tuple)
-        return problem._replace(text="must be a table; a list of them is chains, [[chains]]") if several else problem
+        is_list = problem.path == ("chain",) and isinstance(problem.value, list | tuple)
+        return problem._replace(text="must be a table; a list of them is chains, [[chains]]") if is_list else problem
 
     @classmethod
     def _rules(cls, node: Any) -> Iterable[Problem]:

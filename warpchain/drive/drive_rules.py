@@ -17,7 +17,7 @@ from warpchain.drive.contact_settings import (
     merged_contact_values,
 )
 from warpchain.drive.guides import guide_profile
-from warpchain.drive.parts_by_chain import chain_of_part
+from warpchain.drive.parts_by_chain import Path, chain_nodes, chain_of_part
 from warpchain.drive.plate import LEAST_TEETH, ROOT_DEPTH, gap_angle, toe_clearance
 from warpchain.drive.schema import (
     BARE,
@@ -59,15 +59,11 @@ ON_RIMS = "key", "bearing", "load", "shaft"
 """Keys of ends on rims only."""
 
 
-Path = tuple[str | int, ...]
-
-
 def _chains_with_sprockets(drive: Any) -> Iterator[tuple[Path, Any, list[Any]]]:
     """Path and value of each chain, and its sprockets' names."""
     sprockets = node_list(drive, "sprockets")
-    several: list[tuple[Path, Any]] = [(("chains", c), of) for c, of in enumerate(node_list(drive, "chains"))]
-    for path, chain in several or [(("chain",), node_value(drive, "chain"))]:
-        around = [of for of in sprockets if not several or node_value(of, "chain") == node_value(chain, "name")]
+    for path, chain in chain_nodes(drive):
+        around = [of for of in sprockets if path == ("chain",) or node_value(of, "chain") == node_value(chain, "name")]
         yield path, chain, [node_value(of, "name") for of in around]
 
 

@@ -7,6 +7,15 @@ from typing import Any
 from warpchain.drive.chain import Chain, NamedChain
 from warpchain.drive.schema import node_list, node_value, valid_part
 
+Path = tuple[str | int, ...]
+"""A key path of a drive file."""
+
+
+def chain_nodes(drive: Any) -> list[tuple[Path, Any]]:
+    """Key path and values of each chain of a drive, one or more."""
+    listed: list[tuple[Path, Any]] = [(("chains", c), chain) for c, chain in enumerate(node_list(drive, "chains"))]
+    return listed or [(("chain",), node_value(drive, "chain"))]
+
 
 def chain_of_part(drive: Any, part: Any) -> Chain | None:
     """Chain of a sprocket, guide or probe of a drive, or None."""

@@ -13,7 +13,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any
 
-from warpchain.drive.stack_math import cos, sin, sqrt
+from warpchain.drive.stack_math import cos, cos_sin, sin, sqrt
 from warpchain.drive.tooth_shape import Tooth
 
 FLANK_ANGLE = 30.0
@@ -53,8 +53,8 @@ class Plate:
     tip_radius: float
 
     def flank_end(self, number: int) -> tuple[float, float]:
-        """Center (x, y) of a flank's rounded end, 0 beginning, 1 tip [m]."""
-        sine, cosine = sin(self.flank_angle), cos(self.flank_angle)
+        """Place (x, y) of the center of a flank's rounded end [m]: 0 its beginning, 1 the toe's tip."""
+        cosine, sine = cos_sin(self.flank_angle)
         along = (self.toe_depths[number] - self.flank_distance * sine) / cosine
         apart = self.flank_distance - self.tip_radius
         return along * sine - apart * cosine, along * cosine + apart * sine

@@ -104,6 +104,11 @@ quick_arcsin = _numpy_function("arcsin")
 rint = _numpy_function("rint")
 
 
+def cos_sin(angle: Any) -> tuple[Any, Any]:
+    """Cosine and sine of a number or an array."""
+    return cos(angle), sin(angle)
+
+
 def _python_or_numpy_function(function: Callable[..., float], name: str) -> Callable[..., Any]:
     """Python's function for numbers, numpy's of a name for arrays."""
 

@@ -146,9 +146,9 @@ def _gearbox_rules(drive: Any, names: Sequence[str]) -> Iterator[Problem]:
     for tie in body_ties(drive):
         if tie.kind == "couplings":
             ratios = node_value(node_list(drive, "couplings")[int(tie.path[1])], "ratios")
-            several = {value for value in node_list(ratios, "ratio") if are_numbers(value) and value != 0.0}
+            engaged = {value for value in node_list(ratios, "ratio") if are_numbers(value) and value != 0.0}
             others, _ = ratios_with_chains(drive, without=tie)
-            if len(several) > 1 and others.root[tie.a] == others.root[tie.b]:
+            if len(engaged) > 1 and others.root[tie.a] == others.root[tie.b]:
                 text = f'"{names[tie.a]}" and "{names[tie.b]}" turn in one ratio by the rest of the drive; must be one'
                 yield Problem((*tie.path, "ratios", "ratio"), None, text, BARE)
 

@@ -22,54 +22,47 @@ SPARE_LENGTHS = 4096
 """Link lengths after the last, for idle block threads."""
 
 
-@dataclass(frozen=True)
-class Dimension:
-    """Dimension of an ensemble's arrays: items of each variant."""
-
-    count: Callable[[NDArray[Any]], NDArray[Any]]  # (variants,) items of each variant, from the rows of `drives`
-    first: str = ""  # field of `kernels.structs.Drive` with a variant's first item, or ""
+FIRST_ITEMS = tuple(name for name in structs.Drive.vars if name.startswith("first_") and name != "first_value")
+"""Fields of `structs.Drive` with the place of a row's first item of a dimension."""
 
 
-DIMENSIONS = {
-    "variant": Dimension(lambda drives: np.ones(len(drives), dtype=np.int64)),
-    "roller": Dimension(lambda drives: drives["rollers"], "first_roller"),
-    "sprocket": Dimension(lambda drives: drives["sprockets"], "first_sprocket"),
-    "body": Dimension(lambda drives: drives["bodies"], "first_body"),
-    "guide": Dimension(lambda drives: drives["guides"], "first_guide"),
-    "piece": Dimension(lambda drives: drives["pieces"], "first_piece"),
-    "arm": Dimension(lambda drives: drives["arms"], "first_arm"),
-    "tensioner": Dimension(lambda drives: drives["tensioners"], "first_tensioner"),
-    "shaft": Dimension(lambda drives: drives["shafts"], "first_shaft"),
-    "gear": Dimension(lambda drives: drives["gears"], "first_gear"),
-    "coupling": Dimension(lambda drives: drives["couplings"], "first_coupling"),
-    "valve": Dimension(lambda drives: drives["valves"], "first_valve"),
-    "partner": Dimension(lambda drives: drives["sprockets"] + drives["guides"]),
-    "contact": Dimension(
-        lambda drives: drives["rollers"] * (drives["sprockets"] * drives["points"] + drives["guides"]), "first_contact"
-    ),
-    "push": Dimension(
-        lambda drives: (drives["points"] > 1) * drives["rollers"] * (drives["sprockets"] * drives["points"] + 2),
-        "first_push",
-    ),
-    "tally": Dimension(lambda drives: drives["rollers"] * (drives["sprockets"] + 1), "first_tally"),
-    "histogram": Dimension(lambda drives: drives["sprockets"] + 1),
-}
-"""Dimensions of an ensemble's arrays by name."""
+def item_counts(drives: NDArray[Any]) -> dict[str, NDArray[Any]]:
+    """Items (rows,) that each row of `drives` has in each dimension of an ensemble's arrays."""
+    rollers, sprockets, guides, points = (drives[name] for name in ("rollers", "sprockets", "guides", "points"))
+    return {
+        "variant": np.ones(len(drives), dtype=np.int64),
+        "roller": rollers,
+        "sprocket": sprockets,
+        "body": drives["bodies"],
+        "guide": guides,
+        "piece": drives["pieces"],
+        "arm": drives["arms"],
+        "tensioner": drives["tensioners"],
+        "shaft": drives["shafts"],
+        "gear": drives["gears"],
+        "coupling": drives["couplings"],
+        "valve": drives["valves"],
+        "partner": sprockets + guides,
+        "contact": rollers * (sprockets * points + guides),
+        "push": (points > 1) * rollers * (sprockets * points + 2),
+        "tally": rollers * (sprockets + 1),
+        "histogram": sprockets + 1,
+    }
 
 
 def first_places(drives: NDArray[Any]) -> dict[str, NDArray[np.int64]]:
-    """Places (variants + 1,) of variants' first items in arrays, by dimension."""
+    """Places (rows + 1,) of rows' first items in arrays, by dimension."""
     return {
-        name: np.append(0, np.cumsum(kind.count(drives).astype(np.int64), dtype=np.int64))
-        for name, kind in DIMENSIONS.items()
+        name: np.append(0, np.cumsum(counts.astype(np.int64), dtype=np.int64))
+        for name, counts in item_counts(drives).items()
     }
 
 
 def fill_first_places(drives: NDArray[Any]) -> NDArray[Any]:
-    """Fills places of first items into `structs.Drive` rows; returns these."""
-    for name, places in first_places(drives).items():
-        if DIMENSIONS[name].first:
-            drives[DIMENSIONS[name].first] = places[:-1]
+    """Fills places of first items into `structs.Drive`, returned."""
+    places = first_places(drives)
+    for name in FIRST_ITEMS:
+        drives[name] = places[name.removeprefix("first_")][:-1]
     return drives
 
 
@@ -77,7 +70,7 @@ def fill_first_places(drives: NDArray[Any]) -> NDArray[Any]:
 class ArrayRow:
     """Row of the table of an ensemble's arrays."""
 
-    dimension: str  # key of `DIMENSIONS`; "" for what variants share, and for scratch
+    dimension: str  # key of `item_counts`; "" for what variants share, and for scratch
     width: int = 1  # values of an item
     packed_name: str = ""  # array of `PackedEnsemble` with the first values, "" for zeros
     values_for_device: Callable[[Any, bool], NDArray[Any]] | None = None  # for blocks at float32
@@ -220,7 +213,7 @@ def dtype_of(kind: Any) -> np.dtype[Any]:
 
 def array_lengths(drives: NDArray[Any], group: str) -> dict[str, int]:
     """Length of each array of a group, at least 1."""
-    counts = {name: max(int(kind.count(drives).sum()), 1) for name, kind in DIMENSIONS.items()}
+    counts = {name: max(int(each.sum()), 1) for name, each in item_counts(drives).items()}
     counts["partner"] = counts["sprocket"] + counts["guide"]
     return {name: row.width * counts[row.dimension] for name, row in ARRAYS[group].items() if row.dimension}
 

@@ -24,7 +24,6 @@ from warpchain.model import ChainModel, Model
 from warpchain.model.stacks import Stack, first_refusal
 from warpchain.model.trains import inertia_of_body
 from warpchain.results.metrics import VariantEnds
-from warpchain.results.schedule import Schedules
 
 
 class ChainRows:
@@ -57,14 +56,6 @@ class ChainRows:
     def rows_of_variants(self) -> Iterator[tuple[int, int]]:
         """Yields the first chain row of each variant, and the end."""
         yield from pairwise(self.first_rows.tolist())
-
-    def schedules_by_row(self, schedules: Schedules) -> Schedules:
-        """Schedules of variants, repeated for each of their chain rows."""
-        return schedules[self.variant_of_row]
-
-    def numbers_by_row(self, numbers: NDArray[np.int64]) -> NDArray[np.int64]:
-        """Numbers (rows,) in the run of chain rows' variants."""
-        return numbers[self.variant_of_row]
 
     def layout_faults(self, layouts: Sequence[Sequence[str]]) -> Sequence[tuple[str, ...]]:
         """Layout faults of variants, from those of their chain rows."""

@@ -13,7 +13,7 @@ from warpchain.engine.arrays import Engine
 from warpchain.engine.packed_ensemble import roller_coordinates
 from warpchain.kernels.native import STATE_ROWS
 from warpchain.model import ChainModel
-from warpchain.model.stacks import Stack, pick_variants, stacks_of_drives
+from warpchain.model.stacks import Stack, stacks_of_drives
 
 ON_TOP = 0.5
 """Height above tooth tips, in radii, of a roller off the teeth."""
@@ -80,11 +80,10 @@ def _tooth_reach(
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
     """Least and largest radius (V, S) [m] of engaged rollers, and number as assembled."""
     inner, outer, held = (np.full(shape, np.nan) for _ in range(3))
-    for stack in stacks:
-        for places, assembly in assemblies.states_by_block(stack.members):
-            model, v = pick_variants(stack.one, places), stack.members[places]
-            for s in range(len(model.sprockets)):
-                inner[v, s] = assembly.path.radius[:, s] - 0.5 * model.chain.pitch
-                outer[v, s] = model.tip_radius(s) + ON_TOP * model.chain.roller_radius
-                held[v, s] = (assembly.seat_sprocket == s).sum(axis=1)
+    for part, assembly in assemblies.parts_of_stacks(stacks):
+        model, v = part.one, part.members
+        for s in range(len(model.sprockets)):
+            inner[v, s] = assembly.path.radius[:, s] - 0.5 * model.chain.pitch
+            outer[v, s] = model.tip_radius(s) + ON_TOP * model.chain.roller_radius
+            held[v, s] = (assembly.seat_sprocket == s).sum(axis=1)
     return inner, outer, held

@@ -135,11 +135,9 @@ def kind_with_shared_blocks(kind: BlockKind, most_shared: int, each: int) -> Blo
         kind.is_paired and shape.threads == WARP and shape.rollers_per_thread <= 6 and long and is_simple_kind(kind)
     ):
         return kind
-    several = replace(kind, shape=replace(shape, variants_per_block=VARIANTS_PER_BLOCK))
-    needed = launch_bytes_per_block(several) + RESERVED_BYTES
-    return (
-        several if resident_variants(several) // VARIANTS_PER_BLOCK * needed <= most_shared + RESERVED_BYTES else kind
-    )
+    fuller = replace(kind, shape=replace(shape, variants_per_block=VARIANTS_PER_BLOCK))
+    needed = launch_bytes_per_block(fuller) + RESERVED_BYTES
+    return fuller if resident_variants(fuller) // VARIANTS_PER_BLOCK * needed <= most_shared + RESERVED_BYTES else kind
 
 
 def kernel_kind(name: str, bucket: Bucket) -> BlockKind:

@@ -16,10 +16,10 @@ from numpy.typing import NDArray
 
 from warpchain.assembly import Assembly
 from warpchain.assembly.bounds import tension_scale
-from warpchain.assembly.stack_assembly import Assemblies, assemble_stacks
+from warpchain.assembly.stack_assembly import assemble_stacks
 from warpchain.assembly.table_cells import TableList
 from warpchain.drive import Drive
-from warpchain.engine.arrays import DIMENSIONS, dtype_of, fill_first_places
+from warpchain.engine.arrays import FIRST_ITEMS, dtype_of, fill_first_places
 from warpchain.engine.body_struct_rows import (
     fill_arm_row,
     fill_coupling_row,
@@ -64,7 +64,7 @@ from warpchain.kernels.physics.toe import ENDS
 from warpchain.model import ChainModel, single_chain
 from warpchain.model.friction_coefficients import guide_friction_coefficients, tooth_friction_coefficients
 from warpchain.model.oil import EXPONENT
-from warpchain.model.stacks import Stack, pick_variants, stacks_of_drives
+from warpchain.model.stacks import Stack, stacks_of_drives
 from warpchain.results.schedule import Schedule, schedules_as_columns
 
 
@@ -86,8 +86,9 @@ def pack(
     """
     stacks = stacks_of_drives([single_chain(of) for of in chains]) if stacks is None else stacks
     assemblies = assemble_stacks(stacks, numbers)
+    parts = list(assemblies.parts_of_stacks(stacks))
     rows = np.zeros(len(chains), dtype=dtype_of(structs.Drive))
-    for part, assembly in _stack_parts(stacks, assemblies):
+    for part, assembly in parts:
         row = np.zeros(len(part.members), dtype=rows.dtype)
         fill_drive_row(row, part.one, assembly)
         rows[part.members] = row
@@ -95,7 +96,7 @@ def pack(
     gathered = SharedRows(RowList(3), RowList(2), TableList())
     for name, column in schedules_as_columns(schedules).columns.items():
         packed.drives[name] = column
-    for part, assembly in _stack_parts(stacks, assemblies):
+    for part, assembly in parts:
         _pack_stack(packed, part, assembly, gathered)
         fill_contact_mobility(packed, part.members, part.one, assembly)
     fill_step_dependence(packed)
@@ -140,16 +141,6 @@ class SharedRows:
     tables: TableList
 
 
-def _stack_parts(
-    stacks: Sequence[Stack[ChainModel]], assemblies: Assemblies
-) -> Iterator[tuple[Stack[ChainModel], Assembly]]:
-    """Yields stacks, in parts packed at once, and their assemblies."""
-    for stack in stacks:
-        for places, assembly in assemblies.states_by_block(stack.members):
-            whole = len(places) == len(stack.members)
-            yield stack if whole else Stack(stack.members[places], pick_variants(stack.one, places)), assembly
-
-
 @contextmanager
 def _blank_rows(array: NDArray[Any], places: NDArray[Any]) -> Iterator[NDArray[Any]]:
     """Context of zero rows, then put into a packed array."""
@@ -167,7 +158,7 @@ def _fill_rows(array: NDArray[Any], places: NDArray[Any], fill: Callable[..., No
 def _pack_stack(packed: PackedEnsemble, part: Stack[ChainModel], assembly: Assembly, gathered: SharedRows) -> None:
     """Packs a stack's variants, in their initial states."""
     model, v = part.one, part.members
-    at = {kind.first: packed.drives[kind.first][v].astype(np.int64) for kind in DIMENSIONS.values() if kind.first}
+    at = {name: packed.drives[name][v].astype(np.int64) for name in FIRST_ITEMS}
     packed.drives["tension_scale"][v] = tension_scale(model, assembly)
     _fill_rows(packed.chains, v, fill_chain_row, model, assembly)
     if model.chain.is_silent:

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from warpchain.assembly.assembly import Assembly
 from warpchain.assembly.bounds import escape_distance
 from warpchain.assembly.timestep import highest_frequency, moving_bodies, step_limit
 from warpchain.drive import Drive
@@ -30,7 +31,7 @@ from warpchain.kernels import relaxation
 from warpchain.kernels.native import STATE_ROWS
 from warpchain.kernels.relaxation import LEAST_STRETCH
 from warpchain.model import ChainModel, single_chain
-from warpchain.model.stacks import Stack, pick_variants, stacks_of_drives
+from warpchain.model.stacks import Stack, stacks_of_drives
 
 SETTLE_LIMIT = 100_000
 """Most steps of settling a variant."""
@@ -139,18 +140,22 @@ def settle_variants(
         moved, bodies = engine.rollers(), engine.bodies()
     finally:
         engine.close()
-    for stack in stacks:
-        if stack.one.run.settle:
-            _move_to_settled(packed, stack, moved, bodies)
+    for part, assembly in packed.assemblies.parts_of_stacks(stacks):
+        if part.one.run.settle:
+            _move_to_settled(packed, part, assembly, moved, bodies)
     rest_tensioners(packed)
     return now
 
 
 def _move_to_settled(
-    packed: PackedEnsemble, stack: Stack[ChainModel], moved: NDArray[np.floating], bodies: NDArray[Any]
+    packed: PackedEnsemble,
+    part: Stack[ChainModel],
+    assembly: Assembly,
+    moved: NDArray[np.floating],
+    bodies: NDArray[Any],
 ) -> None:
-    """Moves packed rollers, arms and boxes to their settled places."""
-    model, rows = stack.one, packed.drives[stack.members]
+    """Moves rollers, arms and boxes to where they settled."""
+    model, rows = part.one, packed.drives[part.members]
     links = model.chain.rollers
     first = STATE_ROWS * rows["first_roller"].astype(np.int64)
     here = gather_values(moved, first, 2 * links)
@@ -161,12 +166,9 @@ def _move_to_settled(
     for s in range(len(model.sprockets)):
         if model.carrier(s) is not None:
             packed.bodies["center"][rows["first_body"] + s] = bodies["center"][rows["first_body"] + s]
-    for places, assembly in packed.assemblies.states_by_block(stack.members):
-        margin = escape_distance(pick_variants(model, places), assembly)[..., None]
-        box = rows[places]
-        widen_box(box, here[places].reshape(-1, 2, links), margin)
-        for name in ("low", "high"):
-            packed.drives[name][stack.members[places]] = box[name]
+    widen_box(rows, here.reshape(-1, 2, links), escape_distance(model, assembly)[..., None])
+    for name in ("low", "high"):
+        packed.drives[name][part.members] = rows[name]
 
 
 def largest_net_forces(packed: PackedEnsemble, residual: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -297,12 +297,9 @@ def fill_drive_row(row: Any, model: ChainModel, assembly: Assembly) -> None:
     )
     places = [sprocket.center for sprocket in model.sprockets] + [arm.pivot for arm in model.arms]
     reach += arms
-    corners = [
-        (array_of_columns(p) - with_last_axis(r), array_of_columns(p) + with_last_axis(r))
-        for p, r in zip(places, reach, strict=True)
-    ]
-    row["low"] = reduce(np.minimum, [low for low, _ in corners]) - margin
-    row["high"] = reduce(np.maximum, [high for _, high in corners]) + margin
+    circles = list(zip(map(array_of_columns, places), map(with_last_axis, reach), strict=True))
+    row["low"] = reduce(np.minimum, [center - radius for center, radius in circles]) - margin
+    row["high"] = reduce(np.maximum, [center + radius for center, radius in circles]) + margin
     widen_box(row, np.ascontiguousarray(np.swapaxes(assembly.position, -1, -2)), margin)
 
 

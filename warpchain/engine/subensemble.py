@@ -104,9 +104,8 @@ class Subensemble:
     def __init__(self, variants: Variants, frame: FrameLayout) -> None:
         self.variants = variants
         self.rows = rows = ChainRows(variants.drives, variants.stacks)
-        packed = pack(
-            rows.models, rows.schedules_by_row(variants.schedules), rows.stacks, rows.numbers_by_row(variants.numbers)
-        )
+        v = rows.variant_of_row
+        packed = pack(rows.models, variants.schedules[v], rows.stacks, variants.numbers[v])
         rows.couple_chains(packed, variants.numbers)
         self.packed = replace(packed, frame=frame)
         self.row_layout_faults = layout_faults_of_drives(rows.models, self.packed.assemblies, rows.stacks)
@@ -193,7 +192,7 @@ class Subensemble:
         diverged = state["diverged"] != 0
         rows = VariantEnds(
             models,
-            self.rows.schedules_by_row(self.variants.schedules),
+            self.variants.schedules[self.rows.variant_of_row],
             state["step"],
             diverged,
             settled,

@@ -11,9 +11,7 @@ from numpy.typing import NDArray
 from warpchain.engine.arrays import ARRAYS, first_places
 from warpchain.engine.packed_ensemble import PackedEnsemble, consecutive_places
 from warpchain.kernels.statistics import BATCHES, BINS, STEP, ZERO
-from warpchain.results.metric_formulas import LazyFields
-
-SumFields = Mapping[str, NDArray[Any]]
+from warpchain.results.metric_formulas import BatchSums, LazyFields, VariantSums
 
 LONG_BATCHES = 20
 """Parts of a window, of several batches each, for drifts."""
@@ -24,23 +22,18 @@ def tension_edges(scale: NDArray[np.float64]) -> NDArray[np.float64]:
     return scale[:, None] * np.sinh(STEP * (np.arange(int(BINS) + 1) - int(ZERO)))
 
 
-def split_sums(sums: dict[str, Any], packed: PackedEnsemble, variants: NDArray[np.integer]) -> dict[str, Any]:
-    """Sums of the window of V variants with S sprockets, G guides, A arms and T tensioners, by name.
-
-    "chain" (V,), "strand", "sprocket", "mount", "slip" (V, S), "contact" (V, S + G), "arm" (V, A), "tensioner" (V, T);
-    "batches" and "parts" along a last axis, with lengths [s]; "tension", counts (V, S + 1, bins) and edges [N].
-    """
+def split_sums(sums: Mapping[str, Any], packed: PackedEnsemble, variants: NDArray[np.integer]) -> VariantSums:
+    """Sums of the window of V rows of an engine's sums that have as many of each part."""
     drives, places = packed.drives[variants], first_places(packed.drives)
-    found = {}
+    found: dict[str, NDArray[Any]] = {}
     for name, row in ARRAYS["sums"].items():
         first, v = places[row.dimension], variants[0]
         begin, count = first[variants], int(first[v + 1] - first[v])
         values = sums[name] if row.width == 1 else sums[name].reshape(-1, row.width)
         found[name] = values[begin] if row.dimension == "variant" else _rows_by_variant(values, begin, count)
     _add_late_work(found, packed, drives[0])
-    batches, parts = _batch_sums_by_name(found, drives, int(BATCHES)), _batch_sums_by_name(found, drives, LONG_BATCHES)
-    tension = found["tension_counts"], tension_edges(drives["tension_scale"])
-    return found | {"batches": batches, "parts": parts, "tension": tension}
+    batches, long = (_batch_sums_by_name(found, drives, count) for count in (int(BATCHES), LONG_BATCHES))
+    return VariantSums(found, batches, long, (found["tension_counts"], tension_edges(drives["tension_scale"])))
 
 
 def _rows_by_variant(values: NDArray[Any], begin: NDArray[np.integer], count: int) -> NDArray[Any]:
@@ -66,14 +59,12 @@ def _add_late_work(found: dict[str, Any], packed: PackedEnsemble, drive: Any) ->
         taken[:, partners[0] if partners else 0] -= found["arm"]["late_work"][:, a]
 
 
-def _batch_sums_by_name(
-    found: Mapping[str, Any], drives: NDArray[Any], batches: int
-) -> tuple[dict[str, SumFields], NDArray[np.float64]]:
-    """Sums over the window's batches by name, and their durations (V, batches) [s]."""
+def _batch_sums_by_name(found: Mapping[str, NDArray[Any]], drives: NDArray[Any], batches: int) -> BatchSums:
+    """Sums over so many batches of the window."""
     kept = slice(int(BATCHES) // batches - 1, None, int(BATCHES) // batches)  # the notes that end one
     noted = [name for name in found if f"{name}_notes" in found]
     sums = {name: batch_sums(found[f"{name}_notes"][..., kept], found[name]) for name in noted}
-    return sums, batch_durations(drives, batches)
+    return BatchSums(sums, batch_durations(drives, batches))
 
 
 def note_steps(
@@ -92,21 +83,16 @@ def has_batches(window: NDArray[Any] | int, sample_interval: NDArray[Any] | int,
 
 def batch_durations(drives: NDArray[Any], batches: int = int(BATCHES)) -> NDArray[np.float64]:
     """Durations (V, batches) [s] of window batches, or nan."""
-    start, noted, end = _batch_edges(drives, batches)
+    start, end, every = (drives[name].astype(np.int64) for name in ("window_start", "window_end", "sample_interval"))
     half = 0.5  # the first and the last step of a window stand for half a step
-    steps = np.diff(np.concatenate([start + half, noted, end + half], axis=1), axis=1)
-    steps[~has_batches((end - start)[:, 0], drives["sample_interval"].astype(np.int64), batches)] = np.nan
+    edges = [start[:, None] + half, note_steps(start, end, every, batches), end[:, None] + half]
+    steps = np.diff(np.concatenate(edges, axis=1), axis=1)
+    steps[~has_batches(end - start, every, batches)] = np.nan
     return steps * drives["step"][:, None]
 
 
-def _batch_edges(drives: NDArray[Any], batches: int) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int64]]:
-    """Steps at which windows begin, batches end, windows end."""
-    start, end, every = (drives[name].astype(np.int64) for name in ("window_start", "window_end", "sample_interval"))
-    return start[:, None], note_steps(start, end, every, batches), end[:, None]
-
-
-def batch_sums(notes: NDArray[Any], totals: NDArray[Any]) -> SumFields:
-    """Sums over each batch of the window, by field.
+def batch_sums(notes: NDArray[Any], totals: NDArray[Any]) -> Mapping[str, NDArray[Any]]:
+    """Sums over each batch, by field.
 
     `notes` (..., notes) are at the batches' ends, `totals` (...) at the window's.
     """

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from typing import Any
+from functools import cached_property, wraps
+from typing import Any, TypeVar
 
 from warpchain.drive.arms import Arm, stop_damping, stop_stiffness
 from warpchain.drive.body_ties import driving_sprocket
@@ -25,6 +26,22 @@ from warpchain.drive.tooth_shape import Tooth
 from warpchain.drive.valves import Valves
 from warpchain.model.parts_between_chains import SprocketShaft
 from warpchain.model.train_speeds import driver_top_speed
+
+Value = TypeVar("Value")
+
+
+def computed_once(value: Callable[[ChainModel, int], Value]) -> Callable[[ChainModel, int], Value]:
+    """A function of a chain model and a part's index that computes each value once."""
+
+    @wraps(value)
+    def known_value(model: ChainModel, index: int) -> Value:
+        known, key = model.known_values, (value.__name__, index)
+        if key not in known:
+            known[key] = value(model, index)
+        found: Value = known[key]
+        return found
+
+    return known_value
 
 
 @dataclass(frozen=True)
@@ -55,12 +72,17 @@ class ChainModel:
     valves: tuple[Valves, ...]
     places: Mapping[str, tuple[int, ...]] = field(compare=False, repr=False)
 
+    @cached_property
+    def known_values(self) -> dict[tuple[str, int], Any]:
+        """Values of parts by function and index, as computed so far (`computed_once`)."""
+        return {}
+
     @property
     def links(self) -> int:
         """Number of the chain's links, or rollers, an absent one counted."""
         return self.chain.rollers
 
-    @property
+    @cached_property
     def driver(self) -> int:
         """Index of the chain's driving sprocket."""
         return driving_sprocket(self)
@@ -95,6 +117,7 @@ class ChainModel:
         """Pitch of sprocket s' teeth [m]."""
         return tooth_pitch(self.sprockets[s], self.chain)
 
+    @computed_once
     def pitch_radius(self, s: int) -> float:
         """Radius of sprocket s' pitch circle [m]."""
         return pitch_radius(self.sprockets[s], self.chain)
@@ -120,6 +143,7 @@ class ChainModel:
         lean = 0.5 * (arcsin(0.5 * outer / radius) - arcsin(0.5 * inner / radius))
         return where((inner == outer) | (radius <= self.pitch_radius(s)), 0.0, lean)
 
+    @computed_once
     def tooth(self, s: int) -> Tooth:
         """Tooth gap of sprocket s."""
         return sprocket_tooth(self.sprockets[s], self.chain, self.contact.sprocket)
@@ -145,6 +169,7 @@ class ChainModel:
         of = enumerate(self.sprockets)
         return tuple(s for s, sprocket in of if is_catching(sprocket, self.chain, self.tooth(s)))
 
+    @computed_once
     def guide_contact(self, g: int) -> GuideContact:
         """Contact settings of guide g, its own over the common ones."""
         common, own = self.contact.guide, self.guides[g].contact
@@ -261,6 +286,7 @@ class ChainModel:
             return self.first_arm_body + arm
         return next(s for s, sprocket in enumerate(self.sprockets) if sprocket.name == name)
 
+    @computed_once
     def sprocket_stiffness(self, s: int) -> float:
         """Generalized contact stiffness of sprocket s, eq. (20), bush and pin in series; of an end a link's [N/m^n].
 
@@ -278,6 +304,7 @@ class ChainModel:
         tooth = contact_stiffness(law, *radii, "contact.sprocket")
         return tooth if law.bush_stiffness is None else 1.0 / (1.0 / tooth + 1.0 / law.bush_stiffness)
 
+    @computed_once
     def guide_stiffness(self, g: int) -> float:
         """Generalized contact stiffness of guide g [N/m^n], eq. (20).
 

@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import cached_property
 from typing import TYPE_CHECKING
 
 from warpchain.drive.stack_math import is_true_somewhere, maximum, minimum
+from warpchain.model.chain_model import computed_once
 
 if TYPE_CHECKING:
     from warpchain.drive import ImpactLaw
@@ -22,12 +24,12 @@ class FrictionCoefficients:
     static: float
     stribeck_speed: float
 
-    @property
+    @cached_property
     def has_friction(self) -> bool:
         """Whether the coefficients give friction."""
         return is_true_somewhere(self.larger_coefficient > 0.0)
 
-    @property
+    @cached_property
     def larger_coefficient(self) -> float:
         """Larger of the friction coefficients [-]."""
         return maximum(self.dynamic, self.static)
@@ -56,6 +58,7 @@ def guide_friction_coefficients(model: ChainModel, g: int) -> FrictionCoefficien
     return friction_coefficients(law, _rolling_coefficient(model) if law.rolling else math.inf)
 
 
+@computed_once
 def partner_friction_coefficients(model: ChainModel, index: int) -> FrictionCoefficients:
     """Friction coefficients of rollers on sprocket or guide `index`."""
     sprockets = len(model.sprockets)

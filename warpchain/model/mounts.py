@@ -9,7 +9,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from warpchain.drive.sprocket import ArmMount, ElasticMount, FixedMount, PrescribedMount, SliderMount
-from warpchain.drive.stack_math import array_of_columns, cos, hypot, is_true_somewhere, maximum, power, radians, sin
+from warpchain.drive.stack_math import (
+    array_of_columns,
+    cos,
+    cos_sin,
+    hypot,
+    is_true_somewhere,
+    maximum,
+    power,
+    radians,
+    sin,
+)
 
 if TYPE_CHECKING:
     from warpchain.drive.motion_table import PlaceTable
@@ -37,8 +47,8 @@ def initial_place(sprocket: Sprocket) -> tuple[Any, Any]:
     """Start place of a sprocket's center, or of an end's pin on a rim [m]."""
     (x, y), mount = sprocket.center, sprocket.mount
     if sprocket.rim is not None:
-        angle = rim_angle(sprocket)
-        return x + sprocket.rim * cos(angle), y + sprocket.rim * sin(angle)
+        cosine, sine = cos_sin(rim_angle(sprocket))
+        return x + sprocket.rim * cosine, y + sprocket.rim * sine
     if not isinstance(mount, PrescribedMount) or mount.direction is None:
         return x, y
     (ux, uy), way = _unit_components(mount.direction), mount.offset + mount.amplitude * sin(mount.phase)

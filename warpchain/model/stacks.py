@@ -28,6 +28,7 @@ StackedValue = TypeVar("StackedValue")
 Of = TypeVar("Of", bound=Drive | ChainModel)
 """Drives or chain models."""
 
+_MODEL_NAMES = tuple(field.name for field in fields(ChainModel))
 _WHOLE_TABLES = (*TABLES, LiftTable)
 _PLAIN_TYPES = frozenset((float, int, str, bool, type(None)))
 
@@ -166,7 +167,7 @@ class _ColumnStacker:
     def _stack_fields(self, first: Part | ChainModel, fields: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
         """Stacked fields of parts that differ from the first's."""
         exact, columns, kind = self.exact, {}, type(first)
-        names = [name for name in fields[0] if name not in _UNSTACKED_SETTINGS]
+        names = [name for name in _given_names(first) if name not in _UNSTACKED_SETTINGS]
         rows = map(itemgetter(*names), fields)  # all at once, which takes half the time of name by name
         for name, values in zip(names, zip(*rows, strict=True) if len(names) > 1 else [tuple(rows)], strict=True):
             self.exact = exact or (self.faces and (kind, name) in _FACE_NUMBERS) or (kind, name) in _LIFT_NUMBERS
@@ -233,9 +234,14 @@ def pick_variants(value: StackedValue, places: Any) -> StackedValue:
         return replace(value, **found)
     if not isinstance(value, Part | ChainModel) or isinstance(value, _WHOLE_TABLES):
         return value
-    new = {name: pick_variants(inner, places) for name, inner in value.__dict__.items()}
+    new = {name: pick_variants(value.__dict__[name], places) for name in _given_names(value)}
     changed = {name: inner for name, inner in new.items() if inner is not value.__dict__[name]}
     return _changed_copy(value, changed)
+
+
+def _given_names(value: Part | ChainModel) -> Iterable[str]:
+    """Names of a part's or chain model's values, without those that a model has computed of them."""
+    return _MODEL_NAMES if isinstance(value, ChainModel) else value.__dict__
 
 
 def _changed_copy(value: Any, changed: Mapping[str, Any]) -> Any:
@@ -271,7 +277,7 @@ def _tuple_if_changed(old: tuple[Any, ...], new: tuple[Any, ...]) -> tuple[Any, 
 
 def variant_count(drive: Drive | ChainModel) -> int:
     """Number of variants of a stack; 1 without arrays."""
-    todo: list[Iterable[Any]] = [drive.__dict__.values()]
+    todo: list[Iterable[Any]] = [[drive.__dict__[name] for name in _given_names(drive)]]
     while todo:
         for value in todo.pop():
             kind = type(value)
@@ -291,7 +297,7 @@ def stack_arrays(value: Any) -> Iterator[NDArray[np.float64]]:
         for inner in value:
             yield from stack_arrays(inner)
     elif isinstance(value, Part | ChainModel) and not isinstance(value, _WHOLE_TABLES):
-        yield from stack_arrays(tuple(value.__dict__.values()))
+        yield from stack_arrays(tuple(value.__dict__[name] for name in _given_names(value)))
 
 
 def first_refused_variant(stack: Stack[Of], attempt: Callable[[Of], object]) -> tuple[int, DriveError]:

@@ -413,18 +413,20 @@ def _reasons_beyond_limits(
 ) -> dict[int, list[str]]:
     """Reasons (rule, column, text) of metrics beyond limits, by variant."""
     found: dict[int, list[tuple[int, str, str]]] = {}
-    chains = {chain.name for drive in drives for chain in drive.chains}
+    prefixes = {prefix for drive in drives for prefix in drive.chain_prefixes}
     each = partial(number_of_each_drive, drives, stacks)
     starts = each(lambda drive: drive.run.start) != 0.0
+    parts_by_column: dict[str, list[str]] = {}
+    for name in columns:
+        of, _, column = name.rpartition(".")
+        parts_by_column.setdefault(column, []).append(of)
     for r, rule in enumerate(LIMIT_RULES):
         limit = float(getattr(limits, rule.key))
         if limit == (0.0 if rule.is_lower else np.inf):
             continue
-        for name in columns:
-            of, _, column = name.rpartition(".")
-            if column != rule.column:
-                continue
-            mine = _is_judged_by_rule(drives, of, rule, chains) & ~(rule.after_start & starts)
+        for of in parts_by_column.get(rule.column, ()):
+            name = f"{of}.{rule.column}" if of else rule.column
+            mine = _is_judged_by_rule(drives, of, rule, prefixes) & ~(rule.after_start & starts)
             if not mine.any():
                 continue
             scale = np.ones(len(drives)) if rule.scale is None else rule.scale(each, columns, of)
@@ -453,11 +455,11 @@ def _column_places(drive: Drive) -> dict[str, int]:
     return {name: place for place, name in enumerate(metric_names(drive))}
 
 
-def _is_judged_by_rule(drives: Sequence[Drive], of: str, rule: LimitRule, chains: set[str]) -> NDArray[np.bool_]:
-    """(V,) whether a limit's rule judges a column."""
+def _is_judged_by_rule(drives: Sequence[Drive], of: str, rule: LimitRule, prefixes: set[str]) -> NDArray[np.bool_]:
+    """(V,) whether a limit's rule applies to a column."""
     own: bool | NDArray[np.bool_] = of == ""
-    if of in chains:
-        own = np.array([any(chain.name == of for chain in drive.chains) for drive in drives])
+    if f"{of}." in prefixes:
+        own = np.array([f"{of}." in drive.chain_prefixes for drive in drives])
     return np.broadcast_to(np.logical_not(own) if rule.part else own, len(drives))
 
 

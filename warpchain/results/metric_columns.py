@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Hashable, Iterable, Sequence
 from dataclasses import dataclass
 from functools import cache
+from operator import attrgetter
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -27,7 +28,6 @@ from warpchain.results.metric_formulas import (
     flow_of,
     impact_impulse,
     mean_of,
-    partner_names,
     peak_factor,
     rated_use,
     rms_of,
@@ -45,27 +45,34 @@ if TYPE_CHECKING:
     from warpchain.model import ChainModel
 
 
-PART_PREFIXES: dict[str, Callable[[ChainModel], list[str]]] = {
-    "chain": lambda model: [""],
-    "strand": lambda model: [f"{name}." for name in model.strand_names],
-    "sprocket": lambda model: [f"{sprocket.name}." for sprocket in model.sprockets],
-    "partner": lambda model: [f"{name}." for name in partner_names(model)],
-    "arm": lambda model: [f"{arm.name}." for arm in model.arms],
-    "tensioner": lambda model: [f"{tensioner.name}." for tensioner in model.tensioners],
-    "shaft": lambda model: [f"{shaft.name}." for shaft in model.own_shafts],
-    "coupling": lambda model: [f"{coupling.name}." for coupling in model.couplings],
-    "gear": lambda model: [f"{gear.name}." for gear in model.gears],
-    "valve": lambda model: [f"{valves.name}." for valves in model.valves],
-    "probe": lambda model: [f"{probe.name}." for probe in model.probes],
+PART_LISTS = {
+    "sprocket": ("sprockets",),
+    "partner": ("sprockets", "guides"),
+    "arm": ("arms",),
+    "tensioner": ("tensioners",),
+    "shaft": ("own_shafts",),
+    "coupling": ("couplings",),
+    "gear": ("gears",),
+    "valve": ("valves",),
+    "probe": ("probes",),
 }
-"""Functions that give metrics' prefixes, by kind of part."""
+"""Lists of a chain model that hold the parts of a kind."""
+
+
+def part_prefixes(model: ChainModel, part: str) -> list[str]:
+    """Prefixes of a chain's metrics by its parts of a kind: "" of the "chain", else names and dots."""
+    if part == "chain":
+        return [""]
+    if part == "strand":
+        return [f"{name}." for name in model.strand_names]
+    return [f"{of.name}." for parts in PART_LISTS[part] for of in getattr(model, parts)]
 
 
 @dataclass(frozen=True)
 class MetricGroup:
     """Metric columns of one kind of part."""
 
-    part: str  # key of `PART_PREFIXES`
+    part: str  # "chain", "strand", or a key of `PART_LISTS`
     columns: tuple[Column, ...]
     source: str = ""  # field of `kernels.structs.Sums`
     weight: Callable[[Any, VariantValues, VariantValues], VariantValues] = lambda sums, duration, rollers: duration
@@ -355,23 +362,23 @@ GOODS_METRICS = MetricGroup(
 BALANCE_METRICS = MetricGroup(
     "chain",
     (
-        Column("input_work", "J", "work of what prescribes angles and centers", lambda balance: balance.input),
-        Column("output_work", "J", "work against the loads, and on goods", lambda balance: balance.output),
+        Column("input_work", "J", "work of what prescribes angles and centers", attrgetter("input")),
+        Column("output_work", "J", "work against the loads, and on goods", attrgetter("output")),
         Column(
             "efficiency",
             "1",
             "output work over itself and the losses",
-            lambda balance: balance.efficiency,
+            attrgetter("efficiency"),
         ),
-        Column("links.dissipated", "J", "energy dissipated in the links", lambda balance: balance.links),
-        Column("energy_change", "J", "change of the mechanical energy", lambda balance: balance.change),
-        Column("energy_change_relative", "1", "that change over the losses", lambda balance: balance.relative_change),
-        Column("energy_residual", "J", "what the energy balance misses", lambda balance: balance.residual),
+        Column("links.dissipated", "J", "energy dissipated in the links", attrgetter("links")),
+        Column("energy_change", "J", "change of the mechanical energy", attrgetter("change")),
+        Column("energy_change_relative", "1", "that change over the losses", attrgetter("relative_change")),
+        Column("energy_residual", "J", "what the energy balance misses", attrgetter("residual")),
         Column(
             "energy_residual_relative",
             "1",
             "residual over the energy turned over",
-            lambda balance: balance.relative_residual,
+            attrgetter("relative_residual"),
         ),
     ),
 )
@@ -382,17 +389,17 @@ STEADY_METRICS = MetricGroup(
             "tension_drift",
             "N",
             "change of the mean tension over the window",
-            lambda of: of.tension_change,
+            attrgetter("tension_change"),
             is_aside=True,
         ),
         Column(
             "tension_drift_p",
             "1",
             "probability of such a change by chance",
-            lambda of: of.tension_change_chance,
+            attrgetter("tension_change_chance"),
             is_aside=True,
         ),
-        Column("steady", "1", "whether neither tension nor speeds drift", lambda of: of.is_steady, bool, is_aside=True),
+        Column("steady", "1", "whether neither tension nor speeds drift", attrgetter("is_steady"), bool, is_aside=True),
     ),
 )
 PEAK_FACTOR = Column("peak_factor", "1", "largest over mean tension", peak_factor)
@@ -612,7 +619,7 @@ def groups_of_drive(model: ChainModel, blocks: GroupBlocks = ALL_METRICS) -> lis
     return [
         (prefix, index, group)
         for groups in blocks
-        for index, prefix in enumerate(PART_PREFIXES[groups[0].part](model))
+        for index, prefix in enumerate(part_prefixes(model, groups[0].part))
         for group in groups
         if group.applies_to is None or group.applies_to(model, index)
     ]
@@ -622,27 +629,12 @@ CHAIN_PARTS = ("chain", "strand")
 """Parts whose metrics begin with the chain's name."""
 CHAIN_BALANCE_NAMES = ("links.dissipated",)
 
-CONDITIONAL_GROUPS = tuple(group for groups in ALL_METRICS for group in groups if group.applies_to is not None)
 
-
-def _columns_key(drive: Drive) -> Hashable:
-    """Key that drives with equal metric columns share."""
-    return tuple((chain.name, _chain_columns_key(chain)) for chain in Model(drive).chains)
-
-
-def _chain_columns_key(model: ChainModel) -> Hashable:
-    """Key that chains with equal metric columns share."""
-    has = (
-        group.applies_to(model, i)
-        for group in CONDITIONAL_GROUPS
-        for i in range(len(PART_PREFIXES[group.part](model)))
-        if group.applies_to
-    )
-    sprockets = ((sprocket.name, is_free_body(model, s)) for s, sprocket in enumerate(model.sprockets))
-    trains = (part.name for parts in (model.shafts, model.couplings, model.gears, model.valves) for part in parts)
-    bodies = (*(arm.name for arm in model.arms), None, *(tensioner.name for tensioner in model.tensioners))
-    names = (*sprockets, None, *(guide.name for guide in model.guides), None, *bodies, None, *trains)
-    return (model.driver, *names, None, *has)
+def _columns_key(model: ChainModel) -> Hashable:
+    """Key of a chain's columns, its energy balance's terms and its driver."""
+    groups = tuple((prefix, id(group)) for prefix, _, group in groups_of_drive(model))
+    bodies = (*(is_free_body(model, s) for s in range(len(model.sprockets))), *(shaft.name for shaft in model.shafts))
+    return model.name, model.driver, bodies, groups
 
 
 def variants_by_columns(
@@ -651,7 +643,8 @@ def variants_by_columns(
     """Numbers of drives, in groups of equal metric columns."""
     kinds: dict[Hashable, list[NDArray[np.int64]]] = {}
     for stack in stacks_of_drives(drives) if stacks is None else stacks:
-        kinds.setdefault(_columns_key(drives[int(stack.members[0])]), []).append(stack.members)
+        key = tuple(map(_columns_key, Model(drives[int(stack.members[0])]).chains))
+        kinds.setdefault(key, []).append(stack.members)
     return [np.sort(np.concatenate(numbers)) for numbers in kinds.values()]
 
 

@@ -106,6 +106,37 @@ def partner_names(model: ChainModel) -> list[str]:
 
 
 @dataclass(frozen=True)
+class BatchSums:
+    """Sums over each batch of the window of V variants.
+
+    Attributes:
+        sums: by name and field, (V, ..., batches).
+        durations: (V, batches) of the batches [s]; nan where the window is too short for them.
+    """
+
+    sums: Mapping[str, Mapping[str, NDArray[Any]]]
+    durations: NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class VariantSums:
+    """Sums over the window of a chain of V variants with S sprockets, G guides, A arms and T tensioners.
+
+    Attributes:
+        whole: by name: "chain" (V,), "strand", "sprocket", "mount", "slip" (V, S), "contact" (V, S + G), "arm" (V, A),
+            "tensioner" (V, T) and so on.
+        batches: over batches for standard errors.
+        long_batches: over those for drifts.
+        tension: counts (V, S + 1, bins) of link tensions, and edges (V, bins + 1) of the bins [N].
+    """
+
+    whole: Mapping[str, NDArray[Any]]
+    batches: BatchSums
+    long_batches: BatchSums
+    tension: tuple[NDArray[np.integer], NDArray[np.float64]]
+
+
+@dataclass(frozen=True)
 class WindowSums:
     """Sums over the window in R rows: V variants times some parts."""
 
@@ -295,10 +326,6 @@ class DesignInputs:
         """Mass of a roller (V,) [kg]."""
         return self.number_of_each(lambda model: model.chain.mass)
 
-    def tooth_count(self, s: int) -> NDArray[np.float64]:
-        """Number of teeth of a sprocket (V,)."""
-        return self.number_of_each(lambda model: model.sprockets[s].teeth)
-
     def sprocket_turns(self, s: int) -> NDArray[Any]:
         """Revolutions of a sprocket in the window (V,)."""
         names = ("window_start", "window_end", f"{self.models[0].sprockets[s].name}.speed_mean")
@@ -354,6 +381,7 @@ def rated_use(of: DesignInputs) -> VariantValues:
 
 
 def impact_impulse(of: DesignInputs) -> VariantValues:
-    """Metric: impact impulse (V,) [N s], sqrt(2 m E), E dissipated at a tooth passing."""
-    passings = of.tooth_count(of.index) * of.sprocket_turns(of.index)
+    """Metric impact impulse of a sprocket (V,) [N s]."""
+    teeth = of.number_of_each(lambda model: model.sprockets[of.index].teeth)
+    passings = teeth * of.sprocket_turns(of.index)
     return mask_absent(passings > 0.0, np.sqrt(2.0 * of.roller_mass * np.maximum(of["dissipated"], 0.0) / passings))

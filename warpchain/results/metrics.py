@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, fields
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, Generic
@@ -32,11 +32,13 @@ from warpchain.results.metric_columns import (
 )
 from warpchain.results.metric_formulas import (
     STEP_KEY,
+    BatchSums,
     ColumnValues,
     DesignInputs,
     DriftMeans,
     EnergyBalance,
     LazyFields,
+    VariantSums,
     WindowSums,
     column_of_value,
     columns_of_formulas,
@@ -162,8 +164,8 @@ def run_columns(ended: VariantEnds[Any]) -> Columns:
     }
 
 
-def window_columns(ended: VariantEnds[ChainModel], sums: Mapping[str, Any]) -> Columns:
-    """Metric columns of sums over the window."""
+def window_columns(ended: VariantEnds[ChainModel], sums: VariantSums) -> Columns:
+    """Metric columns formed of sums over the window."""
     columns: Columns = {}
     duration = (ended.schedule_column("window_end") - ended.schedule_column("window_start")) * ended.schedule_column(
         "step"
@@ -171,7 +173,7 @@ def window_columns(ended: VariantEnds[ChainModel], sums: Mapping[str, Any]) -> C
     links = ended.number_of_each(lambda model: model.chain.links)
     driver = ended.drives[0].driver
     teeth = ended.number_of_each(lambda model: model.sprockets[driver].teeth)
-    turns = abs(sums["sprocket"]["speed"][:, driver]) * teeth / (2.0 * np.pi * links)
+    turns = abs(sums.whole["sprocket"]["speed"][:, driver]) * teeth / (2.0 * np.pi * links)
     places = groups_of_drive(ended.drives[0], WINDOW_METRICS)
     found: dict[int, tuple[list[int], dict[str, ColumnValues]]] = {}
     for prefix, index, group in places:
@@ -186,7 +188,7 @@ def window_columns(ended: VariantEnds[ChainModel], sums: Mapping[str, Any]) -> C
 
 def _group_columns(
     group: MetricGroup,
-    sums: Mapping[str, Any],
+    sums: VariantSums,
     parts: list[int],
     each: tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.bool_]],
 ) -> dict[str, ColumnValues]:
@@ -205,27 +207,26 @@ def _group_columns(
         return own.reshape(-1, *values.shape[2:])
 
     whole = group.part == "chain"
-    rows = sums[group.source] if whole else rows_of(sums[group.source])
+    rows = sums.whole[group.source] if whole else rows_of(sums.whole[group.source])
     batches = tension = None
-    noted, durations = sums["batches"]
-    if group.source in noted and long.any():
-        every = noted[group.source]
+    if group.source in sums.batches.sums and long.any():
+        every = sums.batches.sums[group.source]
         mine = every if whole else LazyFields(lambda name: rows_of(every[name]))
-        lengths = np.repeat(durations, count, axis=0)
+        lengths = np.repeat(sums.batches.durations, count, axis=0)
         weight = group.weight(mine, lengths, links[:, None])
         known = long[:, None] & np.isfinite(lengths) & (weight > 0)
         batches = WindowSums(mine, np.where(known, weight, np.nan))
     if group.part in ("chain", "strand"):
-        counts, edges = sums["tension"]
+        counts, edges = sums.tension
         tension = (counts.sum(axis=1) if whole else rows_of(counts)), edges
     summed = WindowSums(rows, group.weight(rows, duration, links), batches, tension)
     found = columns_of_formulas(group.columns, summed, summed.weight == 0)
     return {name: ColumnValues(*(of.reshape(-1, count) for of in both)) for name, both in found.items()}
 
 
-def drift_means(ended: VariantEnds[ChainModel], sums: Mapping[str, Any]) -> DriftMeans:
+def drift_means(ended: VariantEnds[ChainModel], batches: BatchSums) -> DriftMeans:
     """Batch means of tension and speeds over the window."""
-    noted, durations = sums["parts"]
+    noted, durations = batches.sums, batches.durations
     links = ended.number_of_each(lambda model: model.chain.links)[:, None]
     weight = noted["chain"]["samples"] * links
     tension = np.where(np.isfinite(durations), noted["chain"]["tension"] / weight, np.nan)
@@ -291,17 +292,13 @@ def engaged_columns(ended: VariantEnds[ChainModel]) -> Columns:
     return {prefix + c.name: column_of_value(ended.engaged[:, s]) for prefix, s, group in groups for c in group.columns}
 
 
-def metrics_of_variants(ended: VariantEnds[ChainModel], sums: Mapping[str, Any]) -> Columns:
-    """Metric columns of V variants, of one chain each.
-
-    Args:
-        sums: by name, with batches, parts and tension counts, as of the engine's `split_sums`.
-    """
+def metrics_of_variants(ended: VariantEnds[ChainModel], sums: VariantSums) -> Columns:
+    """Metric columns of V variants of equal columns."""
     model = ended.drives[0]
     with np.errstate(all="ignore"):
         columns = window_columns(ended, sums)
-        columns |= columns_of_formulas(STEADY_METRICS.columns, drift_means(ended, sums))
-        columns |= columns_of_formulas(BALANCE_METRICS.columns, energy_balance(model, sums))
+        columns |= columns_of_formulas(STEADY_METRICS.columns, drift_means(ended, sums.long_batches))
+        columns |= columns_of_formulas(BALANCE_METRICS.columns, energy_balance(model, sums.whole))
         known = run_columns(ended) | {STEP_KEY: column_of_value(ended.schedule_column("step"))} | columns
         columns |= design_metric_columns(ended.drives, known, ended.stacks)
     columns |= engaged_columns(ended)
@@ -314,7 +311,8 @@ def metrics_of_variants(ended: VariantEnds[ChainModel], sums: Mapping[str, Any])
     return columns | {name: column_of_value(settled[name]) for name in names if name in settled}
 
 
-ChainEnds = tuple[VariantEnds[ChainModel], Mapping[str, Any]]
+ChainEnds = tuple[VariantEnds[ChainModel], VariantSums]
+"""Ends of one chain of variants, and its sums."""
 
 
 def metrics_of_chains(prefixes: Sequence[str], parts: Sequence[ChainEnds]) -> Columns:
@@ -326,7 +324,7 @@ def metrics_of_chains(prefixes: Sequence[str], parts: Sequence[ChainEnds]) -> Co
         names = {p + c.name for p, _, g in groups_of_drive(model) if g.part in CHAIN_PARTS for c in g.columns}
         shared = {c.name for c in BALANCE_METRICS.columns if c.name not in CHAIN_BALANCE_NAMES}
         columns |= {prefix + n if n in names else n: v for n, v in own.items() if n not in shared}
-        balances.append(energy_balance(model, sums))
+        balances.append(energy_balance(model, sums.whole))
     with np.errstate(all="ignore"):
         whole = EnergyBalance(*(sum(getattr(b, field.name) for b in balances) for field in fields(EnergyBalance)))
         columns |= columns_of_formulas(BALANCE_METRICS.columns, whole, ~measured)
@@ -344,10 +342,11 @@ def metric_blocks(
         ends_of_chains: ends and sums of each chain of some variants.
     """
     found: ColumnBlocks = []
-    for variants in _split_variants(variants_by_columns(ended.drives, ended.stacks)):
-        parts, prefixes = ends_of_chains(variants), ended.drives[variants[0]].chain_prefixes
-        alone = len(parts) == 1
-        found.append((variants, metrics_of_variants(*parts[0]) if alone else metrics_of_chains(prefixes, parts)))
+    for alike in variants_by_columns(ended.drives, ended.stacks):
+        for variants in np.split(alike, range(LARGEST_STACK, len(alike), LARGEST_STACK)):
+            parts, prefixes = ends_of_chains(variants), ended.drives[variants[0]].chain_prefixes
+            alone = len(parts) == 1
+            found.append((variants, metrics_of_variants(*parts[0]) if alone else metrics_of_chains(prefixes, parts)))
     return found
 
 
@@ -374,12 +373,6 @@ def metrics_table(ended: VariantEnds[Drive], blocks: ColumnBlocks, limits: Limit
     return _table_of_columns(
         {name: words.get(name) or columns[name] for name in sorted(columns, key=places.__getitem__)}
     )
-
-
-def _split_variants(kinds: Iterable[NDArray[np.int64]]) -> Iterator[NDArray[np.int64]]:
-    """Variants of equal columns, some at a time."""
-    for variants in kinds:
-        yield from np.split(variants, range(LARGEST_STACK, len(variants), LARGEST_STACK))
 
 
 def table_from_rows(rows: Sequence[Row]) -> pa.Table:

@@ -90,12 +90,12 @@ def compared_variants(
     single: dict[tuple[int, int], tuple[str, RecordedVariant]] = {}
     for stem, one in found:
         single.setdefault((id(one.run), one.index), (stem, one))
-    several = len({id(one.run) for _, one in single.values()}) > 1
+    shown_runs = {id(one.run) for _, one in single.values()}
     stems = [stem for stem, _ in single.values()]
     shown: list[RecordedVariant] = []
     for k, (stem, one) in enumerate(single.values()):
         label = one.label
-        if several:
+        if len(shown_runs) > 1:
             origin = stem or f"run {k + 1}"
             label = f"{origin} {one.index}" if stems.count(stem) > 1 or len(one.run) > 1 else origin
         if label in {other.label for other in shown}:

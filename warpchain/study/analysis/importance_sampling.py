@@ -101,12 +101,12 @@ def fit_mixture(failed: Sequence[Array]) -> FailureMixture:
 
 
 def _group_directions(failed: Array) -> list[Array]:
-    """Choices of unit vectors (K, D) to group failures by."""
-    several = nearest_failures(failed)
+    """Unit vectors (K, D) to group failures by."""
+    directions = nearest_failures(failed)
     for _ in range(DIRECTION_TURNS):
-        group = (failed @ several.T).argmax(axis=1)
-        several = np.array([_unit_vector(failed[group == k].mean(axis=0)) for k in np.unique(group)])
-    return [_unit_vector(failed.mean(axis=0))[None], *([several] if len(several) > 1 else [])]
+        group = (failed @ directions.T).argmax(axis=1)
+        directions = np.array([_unit_vector(failed[group == k].mean(axis=0)) for k in np.unique(group)])
+    return [_unit_vector(failed.mean(axis=0))[None], *([directions] if len(directions) > 1 else [])]
 
 
 def _unit_vector(vector: Array) -> Array:

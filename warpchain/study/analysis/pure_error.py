@@ -144,10 +144,10 @@ def _row_means(results: Results, metric: str, chosen: NDArray[np.bool_]) -> tupl
     values = results.values(metric)[chosen]
     if results.has_replicates:
         counts, errors = results.run_counts[chosen].astype(float), results.standard_errors(metric)[chosen]
-        several = np.isfinite(errors) & (counts > 1)
-        counts = np.where(several, counts, 1.0)
+        replicated = np.isfinite(errors) & (counts > 1)
+        counts = np.where(replicated, counts, 1.0)
         freedom = float((counts - 1.0).sum())
-        square = float(((counts - 1.0) * counts * np.where(several, errors, 0.0) ** 2).sum())
+        square = float(((counts - 1.0) * counts * np.where(replicated, errors, 0.0) ** 2).sum())
         return values, counts, round(freedom), square / freedom if freedom else 0.0
     labels = list(zip(*(results.text_values(factor) for factor in results.factors), strict=True))
     known: dict[tuple[str, ...], int] = {}
@@ -188,16 +188,16 @@ def _moderated_errors(errors: Array, counts: Array) -> Array:
     from scipy.optimize import brentq
     from scipy.special import digamma, polygamma
 
-    several = np.isfinite(errors) & (counts > 1)
-    if not several.any():
+    replicated = np.isfinite(errors) & (counts > 1)
+    if not replicated.any():
         return errors
-    counts = np.where(several, counts, 1.0)
+    counts = np.where(replicated, counts, 1.0)
     freedom = counts - 1.0
-    squares = np.where(several, counts * np.where(several, errors, 0.0) ** 2, 0.0)
+    squares = np.where(replicated, counts * np.where(replicated, errors, 0.0) ** 2, 0.0)
     prior, prior_freedom = float(freedom @ squares / freedom.sum()), math.inf
-    d = freedom[several]
+    d = freedom[replicated]
     if prior > 0.0 and len(d) > 1:
-        logs = np.log(np.maximum(squares[several], 1e-6 * prior)) - digamma(0.5 * d) + np.log(0.5 * d)
+        logs = np.log(np.maximum(squares[replicated], 1e-6 * prior)) - digamma(0.5 * d) + np.log(0.5 * d)
         excess = float(logs.var(ddof=1) - polygamma(1, 0.5 * d).mean())
         if excess > polygamma(1, 1e6):
             half = brentq(lambda half: float(polygamma(1, half)) - excess, 1e-3, 1e6) if excess < 1e6 else 1e-3

@@ -336,7 +336,6 @@ def _effects_section(results: Results, left_out: LeftOut, analyzed: MetricAnalys
     shown = {metric: found for metric, found in effects.items() if found}
     fair = {metric: found for metric, found in shown.items() if metric not in unranked}
     shares = [min(1.0, float(np.nansum([effect.adjusted_share for effect in found]))) for found in fair.values()]
-    several = has_equal_rows(results)
     parts = [
         html.paragraph_html(
             "Mean of the metric in each group of a factor's values, with two standard errors, and its median, which a "
@@ -353,7 +352,7 @@ def _effects_section(results: Results, left_out: LeftOut, analyzed: MetricAnalys
             "parts of the variance",
         ),
         html.bullets_html(_pure_error_line(results, m, chances[m]) for m in shown)
-        if several
+        if has_equal_rows(results)
         else html.paragraph_html(NO_REPLICATES_NOTE),
     ]
     for metric, found in shown.items():

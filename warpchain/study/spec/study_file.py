@@ -380,8 +380,8 @@ def study_schema() -> dict[str, Any]:
     entries = {"type": "array", "items": {"anyOf": [bounds["items"], table]}}
     schema["properties"]["limits"] = limits | {"anyOf": [table, entries]}
     adjust = schema["properties"]["adjust"]
-    several = {key: adjust.pop(key) for key in ("type", "items")}
-    adjust["anyOf"] = [several["items"], several]
+    array = {key: adjust.pop(key) for key in ("type", "items")}
+    adjust["anyOf"] = [array["items"], array]
     return schema
 
 

@@ -99,18 +99,18 @@ def drive_figure(
     title = title.replace("At", "Forces on the chain at") if arrows else title
     figure, axis = _drawing_figure(factor * low, factor * high, size, f"{title}\n{run_line(of)}", colored)
     axis.set(xlabel=f"x [{unit}]", ylabel=f"y [{unit}]")
-    several = len(chains) > 1
     labels: list[Label] = []
     for chain, mine, reached, color in zip(chains, parts, travel, _chain_colors(len(chains)), strict=True):
-        named = draw_parts(axis, chain.model, chain.pose, mine, factor, color if several else None)
+        own_color = color if len(chains) > 1 else None
+        named = draw_parts(axis, chain.model, chain.pose, mine, factor, own_color)
         if isinstance(of, Drive):
-            draw_dimensions(axis, chain.model, chain.pose, reached, factor, named, color if several else None)
+            draw_dimensions(axis, chain.model, chain.pose, reached, factor, named, own_color)
         labels += named.values()
         loop = factor * chain_line(chain.model, chain.line)
         plates = chain.model.chain.is_silent and len(chain.line) == chain.model.chain.links
         if plates:
             draw_plates(axis, chain.model, chain.line, factor)
-        if several or not colored:
+        if len(chains) > 1 or not colored:
             width = 5.5 if colored else 0.8 if plates else 2
             axis.plot(*loop.T, color=color, lw=width, zorder=2.9, label=chain.model.name or None)
     if isinstance(of, Trajectory) and tension is not None:

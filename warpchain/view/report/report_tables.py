@@ -12,7 +12,13 @@ from warpchain.drive import Drive
 from warpchain.model import ChainModel
 from warpchain.results.engineering_report import EngineeringReport
 from warpchain.results.losses import loss_shares
-from warpchain.results.metric_columns import COLUMN_BY_NAME, PART_PREFIXES, SHAFT_SPEED_NAMES, column_of_metric
+from warpchain.results.metric_columns import (
+    COLUMN_BY_NAME,
+    PART_LISTS,
+    SHAFT_SPEED_NAMES,
+    column_of_metric,
+    part_prefixes,
+)
 from warpchain.results.signals import opening_events, range_and_path
 from warpchain.results.units import display_unit_word
 from warpchain.results.window_statistics import ERROR_SUFFIX
@@ -58,8 +64,8 @@ def _metric_rows(row: Mapping[str, Any], prefix: str) -> Iterable[list[str]]:
 
 
 def metric_tables(model: ChainModel, row: Mapping[str, Any], alike: Mapping[str, str]) -> dict[str, str]:
-    """HTML tables of all metrics in a report, by part."""
-    prefixes = [prefix for things in PART_PREFIXES.values() for prefix in things(model)]
+    """HTML tables of all metrics by part."""
+    prefixes = [prefix for part in ("chain", "strand", *PART_LISTS) for prefix in part_prefixes(model, part)]
     found = {}
     for prefix in dict.fromkeys(prefixes):
         name = prefix.removesuffix(".")

@@ -285,18 +285,17 @@ def log_recording(
 ) -> rrb.Blueprint:
     """Logs variants, comparison and ensemble to Rerun; returns the layout."""
     shown = [chain for one in shown for chain in variants_by_chain(one)]
-    several = len(shown) > 1
     top = tension_scale_top([one.trajectory for one in shown], scale)
     images, lines = [], dict[str, list[SpectrumLine]]()
     width = WIDE_CHART * 0.5 * (len(shown) + 1)  # as many views below each other, and one of curves, fill their tab
     for k, (one, title) in enumerate(zip(shown, legend_titles(shown), strict=True)):
-        color = CURVE_PALETTE[k % len(CURVE_PALETTE)]
-        images.append(log_variant(stream, one, frames, top, color if several else None, title, width))
-        colors = curve_colors(one.trajectory.parts, color if several else None)
+        color = CURVE_PALETTE[k % len(CURVE_PALETTE)] if len(shown) > 1 else None
+        images.append(log_variant(stream, one, frames, top, color, title, width))
+        colors = curve_colors(one.trajectory.parts, color)
         for spectrum, found in spectrum_lines(one.trajectory, colors).items():
             named = [line._replace(name=f"{title}: {line.name}") if title else line for line in found]
             lines.setdefault(spectrum, []).extend(named)
-        if several:
+        if color is not None:
             outline = thinned_trajectory(one.trajectory, frames)
             log_chain_outline(stream, entity_path("overlaid", one.label), outline, color)
     log_common_names(stream, [thinned_trajectory(one.trajectory, frames) for one in chains_of_first(shown)])
