@@ -23,7 +23,7 @@ DRIVE = two_sprockets(mass=1.5)
 def design_row(metrics):
     """The objectives of one variant, from its other metrics."""
     columns = design_metric_columns(
-        [DRIVE], {name: column_of_value(np.array([value])) for name, value in metrics.items()}
+        [single_chain(DRIVE)], {name: column_of_value(np.array([value])) for name, value in metrics.items()}
     )
     return {name: column.values[0] for name, column in columns.items() if not column.missing[0]}
 
