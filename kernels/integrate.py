@@ -1,7 +1,7 @@
 """Integrators' kicks, stages and weights, for rollers and bodies.
 
-Leapfrog: v(n + 1/2) = v(n - 1/2) + h a(n), x(n + 1) = x(n) + h v(n + 1/2), the first kick being half a step. What is
-observed at step n takes v(n) = v(n - 1/2) + h a(n) / 2. Explicit Runge-Kutta schemes are rows of `SCHEMES`.
+Leapfrog: v(n + 1/2) = v(n - 1/2) + h a(n), x(n + 1) = x(n) + h v(n + 1/2), the first kick half a step. At step n,
+v(n) = v(n - 1/2) + h a(n) / 2 is observed. Explicit Runge-Kutta schemes are rows of `SCHEMES`.
 """
 
 from dataclasses import dataclass
@@ -15,10 +15,10 @@ from .precision import at_float32
 
 @dataclass(frozen=True)
 class Scheme:
-    """An explicit Runge-Kutta scheme: stage k is evaluated a_k h along the slopes of stage k - 1.
+    """Explicit Runge-Kutta scheme: stage k is evaluated a_k h along the slopes of stage k - 1.
 
     Attributes:
-        weights: b_k of each stage's slopes, as numerator and denominator.
+        weights: b_k of stages' slopes, as numerator and denominator.
         reaches: a_k from the second stage on, likewise.
     """
 

@@ -42,7 +42,7 @@ def imported_files(path: Path) -> Iterator[Path]:
 
 @cache
 def reached_files(start: Path) -> tuple[Path, ...]:
-    """Files of this package that a kernel's file imports, directly or not, and itself."""
+    """Files of this package that a kernel's file imports, also indirectly, and itself."""
     found, ahead = {start}, [start]
     while ahead:
         more = set(imported_files(ahead.pop())) - found

@@ -1,6 +1,6 @@
 """Native code for CPU and GPUs: rows of values, roots, reciprocals, sums of products, comparisons.
 
-On CUDA a sum of products is fused: one product of it is not rounded.
+CUDA fuses a sum of products: one product is not rounded.
 """
 
 from dataclasses import dataclass
@@ -83,7 +83,7 @@ def row_access(Real: type) -> RowAccess:
         return bits;
     """)
     def find_unlike(a: wp.array[Real], first: int, count: int, value: Real) -> wp.uint64:
-        """Bits of up to 64 values of an array, from `first` on, that are not `value`."""
+        """Bits of up to 64 values of an array, from `first` on, unlike `value`."""
 
     @wp.func
     def round_up(n: int):
@@ -95,7 +95,7 @@ def row_access(Real: type) -> RowAccess:
 
 @cache
 def aligned_rows(kind: Any) -> wp.Function:
-    """Native function that has an array of structs read in whole rows."""
+    """Native function that has arrays of structs read in whole rows."""
 
     @wp.func_native("""
         auto view = rows;

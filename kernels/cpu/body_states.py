@@ -36,7 +36,7 @@ def body_state_functions(Real: type) -> BodyStateFunctions:
     def body_now(ensemble: Ensemble, state: State, b: int, time: wp.float64, lag: wp.float64):
         """State of body `b` of all on the CPU with rates at `time` [s], `lag` after their instant.
 
-        Accelerations must be found.
+        Needs accelerations.
         """
         motion = ensemble.motions[b]
         driven = wp.float64(0.0)

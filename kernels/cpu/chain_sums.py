@@ -1,6 +1,6 @@
-"""Sums over one variant's chain on the CPU, from links' tallies and samples of tensions, mid-strands and slips.
+"""Sums over one variant's chain on the CPU, from links' tallies and samples of tensions, mid-strands, slips.
 
-Tallies are merged every `MERGE_EVERY` steps, samples taken every `sample_interval` steps.
+Tallies are merged every `MERGE_EVERY` steps, samples taken every `sample_interval`.
 """
 
 from dataclasses import dataclass
@@ -55,7 +55,7 @@ def chain_sum_functions(Real: type, capacity: int) -> ChainSumFunctions:
 
     @wp.func
     def find_strands_of_links(state: State, drive: Drive, w: wp.array[Real]):
-        """Sets each link's strand in its row; the number of strands where it is on none."""
+        """Sets each link's strand in its row; the number of strands for none."""
         n = drive.rollers
         for j in range(n):
             access.store(w, row.strand + j, Real(drive.sprockets))

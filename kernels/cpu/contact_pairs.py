@@ -161,7 +161,7 @@ def contact_pair_functions(Real: type, capacity: int, silent: bool) -> ContactPa
     def add_contact_forces(
         ensemble: Ensemble, state: State, drive: Drive, place: int, w: wp.array[Real], memory: Memory
     ):
-        """Adds all contact forces of a chain, `place` among all, to the CPU's rows, `Totals` and wrenches on bodies."""
+        """Adds all contact forces of a chain, `place` among all, to CPU rows, `Totals` and bodies' wrenches."""
         if wp.static(silent):
             if drive.points > 1:
                 toes.find_link_motions(w, drive.rollers, ensemble.chains[place])

@@ -1,6 +1,6 @@
 """Rows of the CPU's scratch for a group of rollers' contacts with one partner, and contacts' memory.
 
-Rows go from the group's first near roller to the last; others in between have the penetration `AWAY`.
+Rows span the group's first to last near roller; others between have the penetration `AWAY`.
 """
 
 from dataclasses import dataclass

@@ -131,7 +131,7 @@ def joint_functions(Real: type, capacity: int) -> JointFunctions:
     def add_friction_powers(w: wp.array[Real], n: int, chain: Chain, lag: Real, share: Real):
         """Adds the powers of joints' friction to rollers' tallies, at a leapfrog step's mean velocities.
 
-        `lag` [s] is from velocities to forces, `share` the part of a step to count.
+        `lag` [s] is from velocities to forces, `share` the step's part.
         """
         i = int(0)
         while i < access.round_up(n):

@@ -1,6 +1,6 @@
-"""Tallies of each link and roller of one variant on the CPU, added to in each step by vectorized loops.
+"""Tallies of each link and roller of one variant on the CPU, added to every step by vectorized loops.
 
-Sums of chain and strands merge them every `MERGE_EVERY` steps, before strands change their links.
+Sums of chain and strands merge them every `MERGE_EVERY` steps, before strands' links change.
 """
 
 from dataclasses import dataclass

@@ -1,7 +1,7 @@
 """Neighbor list on the CPU: runs of rollers that can come near a partner within the next steps.
 
-Rollers near a partner widened by a skin are kept as runs of up to `GROUP` rollers in a row. While no roller or body is
-faster than a limit, no other comes through more than 0.7 of the skin, so that results do not depend on runs.
+Rollers near a partner widened by a skin are kept as runs of up to `GROUP` rollers. While no roller or body is faster
+than a limit, no other comes through more than 0.7 of the skin, so that results do not depend on runs.
 """
 
 from dataclasses import dataclass
@@ -22,7 +22,7 @@ GROUP = wp.constant(64)
 
 
 RUN_GAP = wp.constant(16)
-"""Number of rollers between two near ones that ends a run of the neighbor list."""
+"""Rollers between two near ones that end a run of the neighbor list."""
 
 
 MOST_STEPS = 64
@@ -105,7 +105,7 @@ def neighbor_list_functions(Real: type, capacity: int) -> NeighborListFunctions:
 
     @wp.func
     def is_crowded(drive: Drive):
-        """Whether rows have no room for a neighbor list; runs are then the whole groups."""
+        """Whether rows lack room for a neighbor list; runs are then whole groups."""
         return (drive.sprockets + drive.guides) * run_slots(drive.rollers) > wp.static(capacity)
 
     @wp.func
@@ -165,7 +165,7 @@ def neighbor_list_functions(Real: type, capacity: int) -> NeighborListFunctions:
 
     @wp.func
     def set_lifetime(w: wp.array[Real], drive: Drive):
-        """Sets the steps for which a new neighbor list holds, up to 5/4 of the fastest speed now."""
+        """Sets the steps for which a new neighbor list holds, up to 5/4 of the fastest speed."""
         square = Real(0.0)
         for i in range(drive.rollers):
             vx = access.load(w, row.vx + i)

@@ -1,4 +1,4 @@
-"""Tensioner's test rig on the CPU: one a thread, its plunger moved on a sine as by a shaker.
+"""Tensioner's test rig on the CPU: one a thread, its plunger moved on a sine.
 
 x = x_0 + amplitude sin(2 pi f t), from rest at x_0. The shaker's work is W = -int F dx.
 """

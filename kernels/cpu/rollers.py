@@ -1,7 +1,7 @@
 """The rollers of one variant on the CPU: their rows in a scratch, link forces, kick and drift.
 
-Rows have a constant length (`rows`). Loops through `native.row_access` (`while`, not `range`) without branches
-vectorize (docs/performance.md).
+Rows have a constant length (`rows`). Branchless loops through `native.row_access` (`while`, not `range`) vectorize
+(docs/performance.md).
 """
 
 from dataclasses import dataclass, fields
@@ -296,7 +296,7 @@ def roller_functions(Real: type, capacity: int) -> RollerFunctions:
 
     @wp.func
     def kick_and_drift(w: wp.array[Real], n: int, chain: Chain, kick: Real, h: Real):
-        """Moves all rollers in CPU rows: v += kick a, then x += h v; ages the neighbor list, or ends it."""
+        """Moves all rollers in CPU rows: v += kick a, then x += h v; ages or ends the neighbor list."""
         inverse_mass = chain.inverse_mass
         limit = access.load(w, row.lifetime + 1) * access.load(w, row.lifetime + 1)
         fast = int(0)

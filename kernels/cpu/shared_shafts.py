@@ -1,6 +1,6 @@
 """Shafts that several chains of a drive share, on the CPU.
 
-Each chain has bodies of its own; accelerations of the bodies of one shaft are added in order, and all take the sum.
+Each chain has its own bodies; accelerations of the bodies of one shaft are added in order, and all take the sum.
 """
 
 from dataclasses import dataclass

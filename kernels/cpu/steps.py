@@ -51,7 +51,7 @@ def step_functions(Real: type, capacity: int) -> StepFunctions:
 
     @wp.func
     def stage_rollers(w: wp.array[Real], n: int, chain: Chain, at: Stage):
-        """Adds a stage's slopes to the sums in CPU rows, and moves rollers along them, at last along the sums."""
+        """Adds a stage's slopes to sums in CPU rows, and moves rollers along them, at last along the sums."""
         weight = Real(at.weight)
         reach = Real(at.reach)
         inverse_mass = chain.inverse_mass

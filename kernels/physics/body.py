@@ -175,8 +175,8 @@ def body_accelerations(
 ):
     """Accelerations of a body's center (x, y) [m/s^2] and angle [rad/s^2], eq. (4).
 
-    `time` [s] is the instant of `body.speed`, `off` the center from its home [m], `heading` (cos theta, sin theta);
-    `wrench` holds all forces, and the load of a free angle.
+    `time` [s] is that of `body.speed`, `off` the center from its home [m], `heading` (cos theta, sin theta); `wrench`
+    holds all forces and a free angle's load.
     """
     zero = type(wrench.load)(0.0)
     rates = wp.vector(zero, zero, zero)
@@ -199,7 +199,7 @@ def body_accelerations(
 def leapfrog_body(kick: Any, h: Any, body: Any, rates: Any, ahead: Any, motion: Any, mount: Any):
     """A body's state one leapfrog step `h` [s] later, a prescribed center aside.
 
-    `kick` is the speed's step [s], `ahead` a prescribed angle at the end.
+    `kick` is the speed's step [s], `ahead` a prescribed final angle.
     """
     led = motion.prescribed == 1
     speed = wp.where(led, (ahead - body.angle) * reciprocal(h), body.speed + kick * rates[2])
@@ -314,7 +314,7 @@ def holding_force_and_power(off: Any, body: Any, heading: Any, wrench: Any, rate
 def late_contact_power(wrench: Any, now: Any, pose: Any, lag: Any, carried: bool):
     """Power [W] that contacts on a body miss by taking its acceleration of the step before.
 
-    `now` is its state at the forces' instant, `pose` that of `lag` [s] before; `carried` leaves out the center's power.
+    `now` is its state at the forces' instant, `pose` `lag` [s] earlier; `carried` leaves out the center's power.
     """
     power = wrench.moment * (now.speed - leading_value(pose.speed) - lag * pose.angular)
     if not carried:

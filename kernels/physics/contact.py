@@ -5,7 +5,7 @@ A contact keeps the approach speed v0 of its first instant until it opens. An op
 face, without force until it has left. The relative velocity is v = v_s + omega x r - v_i (eq. (10)-(14)); forces act at
 the roller's center and oppositely at the same point of the partner's body (eq. (16)).
 
-Leapfrog's forces go by the penetration's mean over the step, with w = |v| h / 2
+Leapfrog takes the penetration's mean over the step, with w = |v| h / 2
 
     pen' = pen  where pen >= w,   (pen + w)^2 / (4 w)  where -w < pen < w,   else 0,                          (a)
 
@@ -52,8 +52,8 @@ def normal_force_vector(
 def normal_force(penetration: Any, speed: Any, growth: Any, impact_speed: Any, speed_before: Any, law: Any):
     """Normal force of a contact: mean penetration [m], elastic part [N], size [N], v0 [m/s], damper speed [m/s].
 
-    An open contact has mean penetration 0. `speed` is that at which the penetration grows [m/s], `growth` its rate by
-    all but this contact, `impact_speed` v0, not positive if open until now, `speed_before` the last damper speed.
+    An open contact has mean penetration 0. `speed` is that at which penetration grows [m/s], `growth` its rate by all
+    but this contact, `impact_speed` v0, not positive if open before, `speed_before` the last damper speed.
     """
     zero = type(speed)(0.0)
     closing = multiply_add(law.lag, growth, speed)
@@ -113,7 +113,7 @@ def friction_force(size: Any, normal: Any, relative: Any, bristle: Any, friction
     """Friction of a contact on the roller (vector) [N], and the force [N] that its bristle then holds.
 
     `size` is the normal force [N], `relative` the partner's velocity less the roller's [m/s], `bristle` the force held
-    until now [N], `stretch_part` as in `friction.bristle_friction`.
+    before [N], `stretch_part` as in `friction.bristle_friction`.
     """
     mu = sliding_coefficient(normal, relative, friction)
     drag, holds = friction_force_of_coefficient(mu, size, normal, relative, bristle, friction, stretch_part)

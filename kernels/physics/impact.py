@@ -1,4 +1,4 @@
-"""Contact force laws: the force of a penalty contact from its penetration and approach speed.
+"""Contact force laws: a penalty contact's force from its penetration and approach speed.
 
     hysteretic     F = K pen^n (1 + d min(v / v0, 1))     (Pedersen et al. 2004, eq. (15), (18), (19))
     Kelvin-Voigt   F = K pen^n + c v
@@ -7,12 +7,12 @@ never adhesive (F >= 0); v0 is the approach speed at the contact's first instant
 restitution: `warpchain.drive.laws`.
 
 Leapfrog's speeds are half a step behind the forces. With E = K pen^n, c = E d / v0 or Kelvin-Voigt's, m the roller's
-mass, a the closing acceleration by all but this contact and D = h c / (2 m), the damper acts at the speed u,
+mass, a the closing acceleration by all but this contact and D = h c / (2 m), the damper's speed u is
 
     u (1 + D (1 + G)) = v + (h / 2) (a - E / m) + D G u_0,    F = max(0, E + c min(u, v0)),                   (a)
 
-u_0 its speed in the step before and G twice the body's answer if all its n seated rollers changed alike: 2 n m R^2 / J
-of a body that turns, n m d^2 / I of the arm and n m / M of the slider that carry it. A scheme with stages bounds c to
+u_0 that of the step before and G twice the body's answer if all its n seated rollers changed alike: 2 n m R^2 / J of a
+body that turns, n m d^2 / I of the arm and n m / M of the slider that carry it. A scheme with stages bounds c to
 
     c / (1 + (c h / (2 m))^4)^(1/4).
 """

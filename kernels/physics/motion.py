@@ -23,7 +23,7 @@ CELL_VALUES = wp.constant(5)
 
 @wp.func
 def table_cell(x: Any, table: Any):
-    """Cell of a motion's table at `x`, place in it, cells beyond the ends, and rounds of a repeating table."""
+    """Cell of a motion's table at `x`, place in it, cells beyond the ends, and a repeating table's rounds."""
     u = div(x - table.start, table.spacing)
     place = rounded_value(u)
     cells = type(place)(table.cells)
@@ -68,7 +68,7 @@ def table_slope(x: Any, table: Any, values: Any):
 
 @wp.func
 def table_derivatives(x: Any, table: Any, values: Any):
-    """Value, a number, and two rounded derivatives of a motion's table at `x`; 0 without a table."""
+    """Value, a number, and two rounded derivatives of a motion's table at `x`; 0 for none."""
     w = rounded_value(x)
     value = number_of(type(w)(0.0))
     slope = type(w)(0.0)
@@ -205,7 +205,7 @@ def load_table_argument(time: Any, angle: Any, motion: Any):
 
 @wp.func
 def free_load_moment(time: Any, tabulated: Any, angle: Any, speed: Any, motion: Any, ensemble: Any):
-    """Load moment [N m], counter-clockwise, of a body free to turn; `tabulated` is its table's part of T0 [N m]."""
+    """Load moment [N m], counter-clockwise, of a body free to turn; `tabulated`: its table's part of T0 [N m]."""
     torque = motion.load[0] + tabulated
     rows = motion.load_harmonics
     for j in range(rows.first, rows.first + rows.count):

@@ -1,15 +1,15 @@
 """Mount of a body's center: prescribed, or on springs, with the inertia of an eccentric balance wheel.
 
 Prescribed, with a unit vector d:   r_s(t) = r_0 + d (offset + A sin(2 pi f t + phase)), or r_0 + (x, y) of a table over
-time. For an arm whose pivot is prescribed, (b) holds with q = m left(r_c - p) and its weight in the load.
+time. For an arm on a prescribed pivot, (b) holds with q = m left(r_c - p) and its weight in the load.
 
-On springs and dampers, M = m_s + m_b the mass of sprocket and wheel, e the wheel's direction and q = m_b r_b e turned
-by +90 degrees:
+On springs and dampers, M = m_s + m_b the mass of sprocket and wheel, e the wheel's direction, q = m_b r_b e turned by
++90 degrees:
 
     M a + q alpha = contacts + M g + m_b r_b omega^2 e + preload - K (r_s - r_0) - C v_s      (a)
     I alpha + q . a = contact moment + load + q . g,      I = J + m_b r_b^2                   (b)
 
-With B = 1/M along the free directions and a_0 the acceleration of a prescribed center,
+With B = 1/M along free directions and a_0 a prescribed center's acceleration,
 
     alpha = (N - q . (a_0 + B F)) / (I - q . B q).                                             (c)
 """
@@ -85,8 +85,8 @@ def mount_spring_force(displacement: Any, velocity: Any, mount: Any):
 def mount_accelerations(driven: Any, displacement: Any, body: Any, heading: Any, wrench: Any, turning: Any, mount: Any):
     """Accelerations of a mounted center (x, y) [m/s^2] and its body's angle [rad/s^2], (a) to (c).
 
-    `driven` is the acceleration of a prescribed center, else 0; `turning` holds 1 if the angle is prescribed else 0,
-    its acceleration [rad/s^2] and the load moment [N m].
+    `driven` is a prescribed center's acceleration, else 0; `turning` holds 1 if the angle is prescribed else 0, its
+    acceleration [rad/s^2] and the load moment [N m].
     """
     arm = wheel_arm(heading, mount)
     q = left_normal(arm)

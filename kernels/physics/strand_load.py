@@ -1,4 +1,4 @@
-"""Goods on a strand: mass that pins carry between two places, taken on there and left there.
+"""Goods on a strand: mass that pins carry between two places.
 
 With s a pin's distance along the line from where goods come on, l the length over which they lie, p the pitch and q
 their mass on one meter, a pin carries
@@ -23,7 +23,7 @@ from ..native import dot
 
 @wp.func
 def load_places(position: Any, load: Any):
-    """Both terms of a strand load's f before their clamps, (1), and 1 where a pin is near enough for goods, else 0."""
+    """Terms of a strand load's f before their clamps, (1), and 1 where a pin is near enough for goods, else 0."""
     away = position - load.start
     half = type(load.reach)(0.5)
     along = dot(away, load.direction)

@@ -6,7 +6,7 @@ The plunger touches a body at r, r_0 as drawn, and pushes along a fixed unit vec
     spring:     F = max(0, f_0 - k x - c x') + F_s                                              (2)
     hydraulic:  F = max(0, (P - P_0) A + f_0 - k x - c x') + F_s.                               (3)
 
-**Oil** with a share a of air at the ambient pressure P_0, n = 1.4, in a chamber of volume V = V_0 + A x:
+**Oil** with a share a of air at ambient pressure P_0, n = 1.4, in a chamber of volume V = V_0 + A x:
 
     1/E(P) = (1/E_0 + (a/n) P_0^(1/n) P^(-1-1/n)) / (1 + a)                                     (4)
     phi(P) = int dP/E = (P/E_0 - a (P_0/P)^(1/n)) / (1 + a)                                     (5)
@@ -21,7 +21,7 @@ of the volume is vapor. The state keeps z of the last step's end.
     y = clip((dP A_b - F_0) / k_cv, 0, y_max),    S = C_d pi y (2 r_B tan(g) + y sin(g) / cos(g)^2)
     Q_cv = S_e sqrt(2 dP / rho),    1/S_e^2 = 1/S^2 + 1/A_b^2,    below 5 kPa linear in dP.     (8)
 
-A step of length h takes flows at its end, after the body has moved:
+A step h takes flows at its end, after the body has moved:
 
     phi(P) + ln((V - h Q(P)) / V_0) = mu before the step.                                       (9)
 
@@ -46,7 +46,7 @@ phi = q - b of oil and air,
 
     (E - max(0, E - c x')) x' + (k_s max(0, x_s - x) - F_s) x' >= 0.                            (13)
 
-The plunger follows its body even where E < 0, by an outside work (suction) of
+The plunger follows its body even where E < 0, by outside work (suction)
 
     -E x'   while E < 0 and E - c x' <= 0.                                                      (14)
 """
@@ -256,9 +256,9 @@ def exponential(x: Any):
 
 @wp.func
 def flow_imbalance(z: Any, content: Any, per_volume: Any, rate: Any, t: Any):
-    """Residual of a tensioner's oil balance (9) at z, times any factor, its derivative, flows and their derivatives.
+    """Residual of a tensioner's oil balance (9) at z, times any factor, its derivative, and flows with theirs.
 
-    `content` is mu - ln(V/V_0), `per_volume` h / V (0 leaves eq. (6)), `rate` x'.
+    `content` is mu - ln(V/V_0), `per_volume` h / V (0: eq. (6)), `rate` x'.
     """
     phi, slope = oil_compression(z, t)
     rest = phi - content
@@ -337,7 +337,7 @@ def pressure_root_before(state: Any, tensioner: Any):
 def chamber_pressure(x: Any, kept: bool, state: Any, tensioner: Any):
     """Oil pressure P [Pa] of a tensioner, eq. (6); ambient without oil.
 
-    `kept`: x is that of the last step's end.
+    `kept`: x is of the last step's end.
     """
     pressure = tensioner.ambient
     if tensioner.hydraulic == 1:
@@ -530,7 +530,7 @@ def zero_flows(h: wp.float32):
 
 @wp.func
 def add_flow_energies(flows: Any, before: Any, z: Any, tensioner: Any):
-    """Flows of a tensioner's oil in a step with their energies [J]; z is `before` and `z` after it."""
+    """Flows of a tensioner's oil in a step with energies [J]; z is `before` and `z` after it."""
     # at the mean z, work on the plunger and what is stored, lost and supplied differ by O(h^2)
     phi, slope = oil_compression(z, tensioner)
     density = exponential(phi)
@@ -579,9 +579,9 @@ def advance_oil(x: Any, rate: Any, h: Any, metered: bool, state: Any, tensioner:
 
 @wp.func
 def advance_tensioner(x: Any, rate: Any, h: Any, metered: bool, state: Any, tensioner: Any):
-    """State of a tensioner a step after its body has moved, and its oil's flows, with energies where `metered`.
+    """State of a tensioner a step after its body has moved, and oil's flows, with energies where `metered`.
 
-    `rate` is x' as the step's mean.
+    `rate` is the step's mean x'.
     """
     flows = zero_flows(h)
     if tensioner.hydraulic == 1:

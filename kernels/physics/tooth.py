@@ -162,7 +162,7 @@ def grid_product(part: Pair, radius: Pair, magic: wp.float32):
 
 @wp.func
 def grid_magic(radius: wp.float32):
-    """Magic number of `grid_value` for a sprocket's pitch radius [m]: a grid of 2^-12 of the power of two above."""
+    """`grid_value`'s magic number for a sprocket's pitch radius [m]: a grid of 2^-12 of the power of two above."""
     return 3072.0 * wp.pow(2.0, wp.floor(wp.log2(radius)) + 1.0)
 
 
@@ -181,7 +181,7 @@ def gap_coordinates(p: wp.vec2d, direction: wp.vec2d, body: Any, sprocket: Any):
 def gap_coordinates(p: PairVector, direction: wp.vec4f, body: Any, sprocket: Any):
     """Direction e of a tooth gap's seat, and r . e, xi, eta [m] of a roller, from pairs, (a).
 
-    `direction` is the seat's at angle zero: high parts (x, y), low parts (x, y).
+    `direction`: the seat's at angle zero, high parts (x, y), low parts (x, y).
     """
     c = body.reach_cosine
     s = body.reach_sine
@@ -220,7 +220,7 @@ def tracked_seat_from(p: Any, number: int, direction: Any, body: Any, sprocket: 
 def tracked_seat(p: Any, kept: int, body: Any, sprocket: Any, seats: Any):
     """Seat of a roller in a sprocket from the step before's, with direction e, xi and eta [m].
 
-    `p` is r - c [m]; with `kept` < 0 the seat is found by angle.
+    `p` is r - c [m]; `kept` < 0: the seat is found by angle.
     """
     number = kept
     if number < 0:

@@ -1,11 +1,11 @@
 """Trains of shafts: moments of gears and couplings between bodies that turn together, and of motors that drive them.
 
-Bodies that a shaft or gears tie are a train, of which body b turns rho_b times as fast as the first. With M_b the
-moment of contacts, load, motor and couplings on body b,
+Bodies tied by a shaft or gears are a train, of which body b turns rho_b times as fast as the first. With M_b the moment
+of contacts, load, motor and couplings on body b,
 
     (sum rho^2 J) q'' = sum rho M,    alpha_b = rho_b q''.                                                (a)
 
-A pair of gears passes on to the bodies B beyond it, the first of which turns with alpha_b,
+A pair of gears passes on to the bodies B beyond it, the first turning with alpha_b,
 
     T = J_B alpha_b - sum_B rho M / rho_b,    J_B = sum_B rho^2 J / rho_b^2.                              (b)
 
@@ -14,14 +14,14 @@ A coupling of the twist e = q_1 - i q_2 - e_0, at a ratio i, takes from its firs
     M = k d + c e',    d = e - b above b, e + b below -b,    M = 0 in between,                            (c)
 
 and passes on i M to its second. As i changes, k d^2 / 2 is lost; at i = 0 it is open. A clutch bears |M| <= C and
-slips where k |d| would be above that:
+slips where k |d| would exceed it:
 
     e_0' = e' where k d = C and e' > 0, or k d = -C and e' < 0, else 0,    C |e_0'| lost.                   (d)
 
 A freewheel of way w bears 0 <= w M <= C. q_1 is 0 where the first body is the ground.
 
-A motor's moment is min(M_0 + M(omega), P / omega) forward, with its limits M_0 and P and its table. Its governor
-multiplies it by min(max(1 + (omega_0 - omega) / B, 0), f), P aside.
+A motor's moment is min(M_0 + M(omega), P / omega) forward, with limits M_0 and P and a table. Its governor multiplies
+it by min(max(1 + (omega_0 - omega) / B, 0), f), P aside.
 """
 
 from typing import Any

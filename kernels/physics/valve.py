@@ -1,7 +1,7 @@
 """Valve trains: cams on a body that lift followers of mass m against springs F_0 + k l.
 
-Each valve has the lift l(phi), phi the forward angle of its body less the valve's phase. With J_e = J + sum m l'^2,
-w the speed of the body and M all other moments,
+Each valve has the lift l(phi), phi its body's forward angle less the valve's phase. With J_e = J + sum m l'^2, w the
+body's speed and M all other moments,
 
     d/dt (J_e w) = J_e' w^2 / 2 - sum (F_0 + k l) l' + M.                                                 (a)
 
@@ -68,7 +68,7 @@ def valve_inertia_share(speed: Any, kick: Any, cam: Any, motion: Any):
 def constant_inertia_moment(moment: Any, speed: Any, kick: Any, cam: Any, motion: Any):
     """Moment [N m] that turns a body without its valves' inertia as `moment` with them, (c).
 
-    `kick` is leapfrog's step [s], else 0.
+    `kick`: leapfrog's step [s], else 0.
     """
     if motion.prescribed == 1:
         return moment
@@ -91,7 +91,7 @@ def zero_valve_load(valve: Any):
 
 @wp.func
 def add_cam_load(load: Any, at: Any, speed: Any, angular: Any, valve: Any):
-    """Torque [N m] of a valve group and least force [N] on a follower, (b), with one more cam of lift `at`."""
+    """Torque [N m] of a valve group and least follower force [N], (b), with one more cam of lift `at`."""
     lift, slope, bend = at[0], at[1], at[2]
     force = valve.preload + valve.stiffness * lift
     force = force + valve.mass * (bend * speed * speed + valve.sign * slope * angular)

@@ -1,4 +1,4 @@
-"""Packed ensemble: many drives as the flat arrays that kernels read, each variant's parts one after the other."""
+"""Packed ensemble: drives as flat arrays that kernels read, each variant's parts one after the other."""
 
 from __future__ import annotations
 
@@ -86,7 +86,7 @@ _PackedArrays: Any = make_dataclass("Arrays", PACKED_ARRAYS)
 
 
 def is_speed_dependent(rows: NDArray[Any]) -> NDArray[np.bool_]:
-    """Whether the coefficient of each `structs.Friction` depends on speed."""
+    """Whether each `structs.Friction` has coefficients by speed."""
     return np.asarray(rows["mu_static"] != rows["mu_dynamic"])
 
 
@@ -95,9 +95,9 @@ class PackedEnsemble(_PackedArrays):
     """Packed ensemble of drives, as numpy structured arrays of `kernels.structs`.
 
     Attributes:
-        drives, chains ...: the packed arrays of `arrays.ARRAYS`.
+        drives, chains ...: the arrays of `arrays.ARRAYS`.
         rollers: (6 * all rollers,) rows x, y, vx, vy, low parts of x, y of each variant.
-        assemblies: the initial states.
+        assemblies: initial states.
     """
 
     precision: str
@@ -172,7 +172,7 @@ class PackedEnsemble(_PackedArrays):
 
     @property
     def has_linear_hysteretic_contacts(self) -> NDArray[np.bool_]:
-        """Whether all contact laws are linear and hysteretic (variants,)."""
+        """Whether contact laws are linear and hysteretic (variants,)."""
         laws = (self.sprockets["law"], self.guides["law"])
         return ~self.has_any_of(*((law["exponent"] != 1.0) | (law["form"] != 0) for law in laws))
 
@@ -203,7 +203,7 @@ class PackedEnsemble(_PackedArrays):
         return np.asarray(np.minimum.reduceat(self.lengths, first) == np.maximum.reduceat(self.lengths, first))
 
     def _sums_by_variant(self, counts: str, numbers: NDArray[np.integer]) -> NDArray[np.int64]:
-        """Sums (variants,) of parts' numbers, `drives[counts]` parts a variant."""
+        """Sums (variants,) of parts' numbers, `drives[counts]` a variant."""
         owner = np.repeat(np.arange(self.variants), self.drives[counts])
         return np.bincount(owner, numbers[: len(owner)], self.variants).astype(np.int64)
 
@@ -227,7 +227,7 @@ class PackedEnsemble(_PackedArrays):
         return self.rollers[first : first + STATE_ROWS * n].reshape(STATE_ROWS, n)
 
     def groups_by_rollers(self) -> Iterator[tuple[NDArray[np.intp], NDArray[np.int64], int]]:
-        """Yields packed variants (K,) of equal roller numbers, and places."""
+        """Yields packed variants (K,) of equal roller numbers; places."""
         rollers, first = self.drives["rollers"], self.drives["first_roller"].astype(np.int64)
         for count in np.unique(rollers).tolist():
             variants = np.flatnonzero(rollers == count)

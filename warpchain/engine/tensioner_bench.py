@@ -1,4 +1,4 @@
-"""Test rig for tensioners: imposes sines on the plunger, and returns force and pressure, as on a shaker."""
+"""Test rig for tensioners: imposes sines on the plunger; returns force and pressure, as on a shaker."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 SAMPLED_STEPS, SAMPLES_PER_CYCLE = 10_000, 500
 """Steps and samples of a tensioner rig's cycle."""
 SWEEP_STEPS = 2_500
-"""Steps of a rig's cycle that is not sampled."""
+"""Steps of a rig's cycle without samples."""
 MOST_CYCLES = 10_000
 """Most cycles of a ride, and of all sampled rides."""
 FARTHEST = 1.0
@@ -78,7 +78,7 @@ def bench_tensioner(
 ) -> pa.Table:
     """Table of a tensioner's response to a sine, from rest.
 
-    The force is that of spring, oil and stops; the plunger's own inertia is not in it.
+    The force is of spring, oil and stops, without the plunger's inertia.
 
     Args:
         name: the tensioner's.
@@ -143,7 +143,7 @@ def shake_tensioner(
 
 
 def tensioner_by_name(drive: Drive, name: str) -> TensionerPart:
-    """Tensioner of a name, or DriveError with all names."""
+    """Tensioner by name, or DriveError with all names."""
     for tensioner in drive.tensioners:
         if tensioner.name == name:
             return tensioner
@@ -175,7 +175,7 @@ def _check_motion(tensioner: TensionerPart, one: PlungerMotion, cycles: int) -> 
 def _struct_rows(
     model: ChainModel, tensioner: TensionerPart, shakes: Sequence[PlungerMotion], cycles: int, samples: bool
 ) -> tuple[NDArray[Any], NDArray[Any]]:
-    """Rows of `Ride` and of `structs.Tensioner` for a tensioner's rides."""
+    """Rows of `Ride` and `structs.Tensioner` for a tensioner's rides."""
     rides = np.zeros(len(shakes), dtype=Ride.numpy_dtype())
     rows = np.zeros(len(shakes), dtype=Tensioner.numpy_dtype())
     for ride, row, one in zip(rides, rows, shakes, strict=True):
