@@ -50,7 +50,7 @@ REACH, REACH_OVER = (_fraction_table([of.reaches for of in SCHEMES.values()], pa
 
 @wp.func
 def leapfrog_kick(step: int, h: Any):
-    """Time [s] over which leapfrog accelerates velocities at `step`: half a step at first."""
+    """Time [s] over which leapfrog accelerates velocities: half a step at first."""
     return wp.where(step == 0, type(h)(0.5) * h, h)
 
 
@@ -74,7 +74,7 @@ def stage_weight(integrator: int, stage: int, h: Any):
 
 @wp.func
 def stage_reach(integrator: int, stage: int, h: Any):
-    """Time [s] from the step's start to the Runge-Kutta stage after `stage`."""
+    """Time [s] from the step's start to the stage after `stage`."""
     if stage == stage_count(integrator) - 1:
         return h
     return h * type(h)(REACH[integrator, stage]) / type(h)(REACH_OVER[integrator, stage])
@@ -90,7 +90,7 @@ def stage_instant(integrator: int, stage: int, h: Any):
 
 @wp.func
 def stretched_part(integrator: int, stage: int, one: Any):
-    """Part of a step that stretches friction's bristles at an integrator's `stage`."""
+    """Part of a step that stretches bristles at an integrator's `stage`."""
     if stage == 0:
         return one
     return stage_instant(integrator, stage, one)

@@ -22,7 +22,7 @@ except ImportError:  # Warp has no public names for them: a version that keeps t
     Module = ModuleHasher = None
 
 KNOWN_VERSIONS = ("1.19.",)
-"""Versions of Warp whose modules take a hasher and generate code as here."""
+"""Versions of Warp that take a hasher and generate code as here."""
 SAME_BINARY = ("use_precompiled_headers",)
 """Warp's options that leave the compiled kernel alone."""
 
@@ -60,7 +60,7 @@ def sources_digest(start: Path) -> bytes:
 
 @cache
 def _source_of(kind: type) -> str:
-    """Text of the file that defines a class of a kernel's arguments, or ""."""
+    """File's text that defines a class of a kernel's arguments, or ""."""
     path = getattr(sys.modules.get(kind.__module__), "__file__", None)
     return Path(path).read_text(encoding="utf-8") if path else ""
 
@@ -122,6 +122,6 @@ def own_module(file: str, name: str, *form: Any) -> Any:
 
 
 def without_contraction(kernel: wp.Kernel) -> wp.Kernel:
-    """Turns off contraction of products and sums in a kernel, which fixes its bits."""
+    """Turns off contraction of products and sums in a kernel; fixes its bits."""
     wp.set_module_options({"fuse_fp": False}, kernel.module)
     return kernel

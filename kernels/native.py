@@ -32,10 +32,10 @@ RECIPROCAL = """
 """Native code of y = 1/value, as float64."""
 
 STATE_ROWS = wp.constant(6)
-"""Rows of a variant in `structs.State.rollers`: x, y, vx, vy, low parts of x, y."""
+"""Rows of a variant in `structs.State.rollers`: x, y, vx, vy, low x, y."""
 
 LANES = {wp.float64: 4, wp.float32: 8}
-"""Number of rollers that the CPU's vectorized loops take at a time, by type."""
+"""Rollers that the CPU's vectorized loops take at once, by type."""
 
 
 @dataclass(frozen=True)
@@ -50,7 +50,7 @@ class RowAccess:
 
 @cache
 def row_access(Real: type) -> RowAccess:
-    """Native access to arrays of `Real`; `find_unlike` and `round_up` on the CPU."""
+    """Native access to arrays of `Real`; on the CPU `find_unlike`, `round_up`."""
     lanes = LANES.get(Real, 1)
 
     @wp.func_native("assert(i >= 0 && i < a.shape[0]); return a.data[i];")

@@ -51,7 +51,7 @@ def relative_residual(
 
 @wp.func
 def relaxation_after_check(now: Settling, energy: wp.float64, residual: wp.float64):
-    """Settling after a check of kinetic energy [J] and residual, and 1 to restart from rest."""
+    """Settling after a check of kinetic energy [J] and residual; 1 to restart."""
     restart = int(0)
     now.residual = residual
     if residual < now.tolerance:

@@ -86,7 +86,7 @@ class Drive:
 
 @wp.struct
 class Motion:
-    """Prescribed motion or load of a body's angle, and its train (`physics.train`)."""
+    """Prescribed motion or load of a body's angle; its train (`physics.train`)."""
 
     prescribed: wp.int32  # 1: angle prescribed, 0: free to turn
     train: wp.int32  # number of the train's first body in the drive, or among those of all chains; its own where it
@@ -782,7 +782,7 @@ class RollerTally:
 
 @wp.struct
 class Tallies:
-    """Sums of block kernels by roller, contacts' in rows of their own."""
+    """Sums of block kernels by roller; contacts' in own rows."""
 
     link: wp.array[LinkTally]  # (sum of (S + 1) N,)
     impacts: wp.array[wp.int32]  # (contact memories,)

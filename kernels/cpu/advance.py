@@ -1,4 +1,4 @@
-"""The CPU kernel: one Warp thread advances all chains of one variant through a launch's steps.
+"""The CPU kernel: one Warp thread advances all chains of a variant through a launch's steps.
 
 At step n, positions and forces are of time n h; leapfrog's velocities, half a step behind, are recorded as
 v(n) = v(n - 1/2) + h a(n) / 2.
@@ -106,7 +106,7 @@ def advance_kernel(Real: type, capacity: int, frame: Any, several: bool, silent:
 
     @wp.func
     def end_launch(ensemble: Ensemble, state: State, sums: Sums, row: int, drive: Drive, w: wp.array[Real], kept: int):
-        """Copies a chain from the CPU's scratch into the state at a launch's end, unless kept there; merges sums."""
+        """Copies a chain from the CPU's scratch into the state at a launch's end, unless kept; merges sums."""
         if kept & KEEP == 0:
             chain_sums.merge_tallies(ensemble, state, sums, row, w)
             rollers.put_back(state, w, drive.first_roller, drive.rollers)

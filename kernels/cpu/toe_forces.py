@@ -1,6 +1,6 @@
 """Forces of wheel teeth on the toes of a silent chain, shared among pins (`physics.toe`).
 
-Forces on near and far pins have their own rows until the wheel is done.
+Forces on near and far pins are kept in rows of their own until the wheel is done.
 """
 
 from dataclasses import dataclass
@@ -149,7 +149,7 @@ def toe_force_functions(Real: type, capacity: int) -> ToeForceFunctions:
     def find_powers(w: wp.array[Real], group: Group, law: kinds.ContactLaw, rubs: bool, memory: Memory):
         """Stores the powers of a group's contacts, with friction's where they rub; returns 1 if any contact begins.
 
-        Accelerations are by teeth of the step before: `join_forces` has the rest.
+        Accelerations are by teeth as in the step before: `join_forces` has the rest.
         """
         began = int(0)
         i = group.low

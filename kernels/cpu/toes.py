@@ -1,6 +1,6 @@
-"""Contacts of a silent chain's toes with the teeth of one wheel, for pins that have seats there (`physics.toe`).
+"""Contacts of a silent chain's toes with the teeth of one wheel, for the pins that have seats there (`physics.toe`).
 
-A pin has four, with the flank ends of its two links.
+A pin has four contacts, with the flank ends of its two links.
 """
 
 from dataclasses import dataclass

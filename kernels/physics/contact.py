@@ -38,7 +38,7 @@ def force_vector(direction: Any, size: Any):
 def normal_force_vector(
     penetration: Any, normal: Any, relative: Any, acceleration: Any, impact_speed: Any, speed_before: Any, law: Any
 ):
-    """Normal force of a contact on the roller (vector) [N], and all that `normal_force` returns, eq. (15)-(19).
+    """Normal force of a contact on the roller (vector) [N], and `normal_force`'s results, eq. (15)-(19).
 
     `normal` points to the roller; `relative` is the partner's velocity less the roller's [m/s].
     """
@@ -72,7 +72,7 @@ def normal_force(penetration: Any, speed: Any, growth: Any, impact_speed: Any, s
 
 @wp.func
 def steady_force(penetration: Any, speed: Any, growth: Any, impact_speed: Any, speed_before: Any, law: Any):
-    """Normal force [N] and damper speed [m/s] of a contact that stays closed or open in the step."""
+    """Normal force [N] and damper speed [m/s] of a contact that stays closed or open."""
     zero = type(speed)(0.0)
     elastic = elastic_force(larger(penetration, zero), law.stiffness, law.exponent)
     size, damper_speed = contact_force(elastic, speed, growth, impact_speed, speed_before, law)
@@ -122,7 +122,7 @@ def friction_force(size: Any, normal: Any, relative: Any, bristle: Any, friction
 
 @wp.func
 def even_friction_force(size: Any, normal: Any, relative: Any, bristle: Any, friction: Any, stretch_part: Any):
-    """Friction on a roller (vector) [N] with one coefficient at all speeds, and its bristle's force [N]."""
+    """Friction on a roller (vector) [N] of one coefficient at all speeds, and bristle's force [N]."""
     drag, holds = friction_force_of_coefficient(
         friction.mu_dynamic, size, normal, relative, bristle, friction, stretch_part
     )
@@ -137,7 +137,7 @@ def sliding_coefficient(normal: Any, relative: Any, friction: Any):
 
 @wp.func
 def sliding_speed(relative_x: Any, relative_y: Any, normal_x: Any, normal_y: Any):
-    """Sliding speed [m/s] of a contact, along its normal turned by +90 degrees."""
+    """Sliding speed [m/s] of a contact, along its normal turned +90 degrees."""
     return products(relative_x, -normal_y, relative_y, normal_x)
 
 
@@ -145,7 +145,7 @@ def sliding_speed(relative_x: Any, relative_y: Any, normal_x: Any, normal_y: Any
 def friction_force_of_coefficient(
     mu: Any, size: Any, normal: Any, relative: Any, bristle: Any, friction: Any, stretch_part: Any
 ):
-    """Friction on a roller (vector) [N] for a given `mu` [-], and its bristle's force [N]."""
+    """Friction on a roller (vector) [N] for a given `mu` [-], and bristle's force [N]."""
     along = type(normal)(-normal[1], normal[0])
     speed = sliding_speed(relative[0], relative[1], normal[0], normal[1])
     drag, holds = bristle_friction(mu * size, speed, bristle, friction.spring, friction.damper, stretch_part)

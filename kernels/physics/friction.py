@@ -29,7 +29,7 @@ DAMPER = 0.5
 
 @wp.func
 def friction_coefficient(speed: Any, friction: Any):
-    """Coefficient of friction mu(v) [-] at a sliding speed v >= 0 [m/s]."""
+    """Coefficient of friction mu(v) [-] at sliding speed v >= 0 [m/s]."""
     mu = friction.mu_dynamic
     if friction.mu_static != friction.mu_dynamic:
         part = quotient(speed, friction.stribeck_speed)
@@ -84,7 +84,7 @@ def joint_friction_moment(
 
 @wp.func
 def joint_friction_coefficient(turn_before: Any, turn_after: Any, chain: Any):
-    """Coefficient of friction [-] of a joint at the speed at which its pin slides."""
+    """Coefficient of friction [-] of a joint at its pin's sliding speed."""
     return friction_coefficient(wp.abs(turn_after - turn_before) * chain.pin_radius, chain.joint)
 
 
@@ -96,7 +96,7 @@ def joint_friction_power(moment: Any, turn_before: Any, turn_after: Any):
 
 @wp.func
 def couple_force(moment: Any, next_moment: Any, lever: Any):
-    """Force [N] on roller i of the couple of link i's joint moments; its opposite acts on roller i + 1.
+    """Force [N] on roller i of link i's joint moments' couple; its opposite acts on roller i + 1.
 
     `moment` is M_i, `next_moment` M_{i+1} [N m], `lever` n / L.
     """

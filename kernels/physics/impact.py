@@ -45,17 +45,17 @@ def hysteretic_damper(elastic: Any, impact_speed: Any, damping: Any):
 
 @wp.func
 def kelvin_voigt_damper(elastic: Any, impact_speed: Any, damping: Any):
-    """Damper c [N s/m] of the Kelvin-Voigt contact law, and bounds [m/s] that do not act."""
+    """Damper c [N s/m] of the Kelvin-Voigt contact law, and inactive bounds [m/s]."""
     return damping, type(elastic)(-UNBOUNDED), type(elastic)(UNBOUNDED)
 
 
 FORCES = (hysteretic_damper, kelvin_voigt_damper)
-"""Contact laws' functions; a law's number (`structs.ContactLaw.form`) is its place here."""
+"""Contact laws' functions by a law's number (`structs.ContactLaw.form`)."""
 
 
 @wp.func
 def law_damper(elastic: Any, impact_speed: Any, law: Any):
-    """Damper c [N s/m] of the contact law that `law` names, and speeds [m/s] that bound it."""
+    """Damper c [N s/m] of the contact law `law`, and speeds [m/s] that bound it."""
     damper, slowest, fastest = hysteretic_damper(elastic, impact_speed, law.damping)
     for form in range(1, wp.static(len(FORCES))):
         if law.form == form:
@@ -68,7 +68,7 @@ def law_damper(elastic: Any, impact_speed: Any, law: Any):
 
 @wp.func
 def law_at_roller(law: Any, relative_mass: Any, mobility: Any):
-    """A contact law for a roller of `relative_mass` times the chain's mass, `mobility` 1 over that."""
+    """Contact law for a roller of `relative_mass` times the chain's, `mobility` 1 over that."""
     if law.most_damping > type(mobility)(0.0):
         one = type(mobility)(1.0)
         law.most_damping = law.most_damping * ((one + law.answer) / (mobility + law.answer))

@@ -44,7 +44,7 @@ def uneven_link_force(d: Any, w: Any, length: Any, i: int, chain: Any):
 
 @wp.func
 def has_uneven_links(chain: Any):
-    """Whether a chain's links differ in stiffness or damping, have play, or one is absent."""
+    """Whether links differ in stiffness or damping, have play, or one is absent."""
     like = chain.outer_stiffness == chain.stiffness and chain.outer_damping == chain.damping
     return not like or chain.play != type(chain.play)(0.0) or chain.absent > 0
 
@@ -62,7 +62,7 @@ def link_spring(i: int, chain: Any):
 
 @wp.func
 def roller_acceleration(force: Any, inverse_mass: Any, gravity: Any):
-    """Acceleration [m/s^2] of a roller by links, contacts and gravity, eq. (1)."""
+    """Acceleration [m/s^2] of a roller by links, contacts, gravity, eq. (1)."""
     return type(gravity)(
         acceleration_component(force[0], inverse_mass, gravity[0]),
         acceleration_component(force[1], inverse_mass, gravity[1]),
@@ -85,7 +85,7 @@ def chain_at_roller(chain: Any, relative_mass: Any, mobility: Any):
 
 @wp.func
 def compensated_sum(high: Any, low: Any, change: Any):
-    """Roller's coordinate plus a small `change`, and what that rounds off (fast two-sum)."""
+    """Roller's coordinate plus a small `change`, and its rounding (fast two-sum)."""
     rest = low + change
     moved = high + rest
     return moved, rest - (moved - high)
@@ -93,7 +93,7 @@ def compensated_sum(high: Any, low: Any, change: Any):
 
 @wp.func
 def roller_energy(position: Any, velocity: Any, tension: Any, rate: Any, i: int, chain: Any):
-    """Kinetic and elastic energy [J] of roller `i` and its link, and m g . x [J]."""
+    """Kinetic and elastic energy [J] of roller `i` and its link; m g . x [J]."""
     stiffness, damping = link_spring(i, chain)
     spring = wp.float64(tension - damping * rate)
     apart = wp.where(i + 1 == chain.absent, wp.float64(1.0), wp.float64(stiffness))

@@ -30,20 +30,20 @@ CARRIED = wp.constant(3)
 
 @wp.func
 def phase_sine_cosine(argument: wp.float64):
-    """Sine and cosine of the phase of a mount's prescribed motion, in float64."""
+    """Sine and cosine of the phase of a mount's motion, in float64."""
     return wp.sin(argument), wp.cos(argument)
 
 
 @wp.func
 def phase_sine_cosine(argument: Pair):
-    """Sine and cosine of the phase of a mount's prescribed motion, in pairs."""
+    """Sine and cosine of the phase of a mount's motion, in pairs."""
     sine, cosine = sine_cosine(argument)
     return sine, cosine
 
 
 @wp.func
 def prescribed_center(time: Any, mount: Any, ensemble: Any):
-    """Position [m], velocity [m/s] and acceleration [m/s^2] of a mount's prescribed center."""
+    """Position [m], velocity [m/s], acceleration [m/s^2] of a mount's prescribed center."""
     if mount.x_table.cells + mount.y_table.cells > 0:
         x, x_rate, x_growth = table_derivatives(time, mount.x_table, ensemble.tables)
         y, y_rate, y_growth = table_derivatives(time, mount.y_table, ensemble.tables)
@@ -64,7 +64,7 @@ def displacement_from_home(center: Any, mount: Any):
 
 @wp.func
 def wheel_arm(heading: Any, mount: Any):
-    """m_b r_b e [kg m] of a mount's balance wheel at `heading`."""
+    """m_b r_b e [kg m] of a mount's balance wheel."""
     w = mount.wheel
     return type(heading)(w[0] * heading[0] - w[1] * heading[1], w[0] * heading[1] + w[1] * heading[0])
 
@@ -103,7 +103,7 @@ def mount_accelerations(driven: Any, displacement: Any, body: Any, heading: Any,
 
 @wp.func
 def mount_energy(displacement: Any, body: Any, heading: Any, mount: Any):
-    """Kinetic and potential energy [J] of a body on its mount, with its balance wheel."""
+    """Kinetic and potential energy [J] of a body and balance wheel on a mount."""
     half = type(body.speed)(0.5)
     arm = wheel_arm(heading, mount)
     energy = half * mount.mass * wp.dot(body.velocity, body.velocity) + half * mount.inertia * body.speed * body.speed

@@ -31,7 +31,7 @@ def cam_angle(angle: Any, phase: Any, valve: Any, motion: Any):
 
 @wp.func
 def cam_lift(angle: Any, k: int, valve: Any, motion: Any, tables: Any):
-    """Lift [m] of the `k`-th cam of a valve group and two derivatives by angle, rounded."""
+    """Lift [m] of the `k`-th cam of a valve group, two derivatives by angle, rounded."""
     turned = cam_angle(angle, tables[valve.first_phase + k], valve, motion)
     lift, slope, bend = table_derivatives(turned, valve.lift, tables)
     return wp.vector(valve.height * leading_value(lift), valve.height * slope, valve.height * bend)
@@ -51,7 +51,7 @@ def add_cam(cam: Any, at: Any, valve: Any):
 
 @wp.func
 def add_geared_cam(total: Any, cam: Any, ratio: Any):
-    """Inertia and moment of valves with those on another body that turns `ratio` times as fast."""
+    """Inertia and moment of valves with those on another body, turning `ratio` times as fast."""
     total.inertia = total.inertia + ratio * ratio * cam.inertia
     total.growth = total.growth + ratio * ratio * ratio * cam.growth
     total.moment = total.moment + ratio * cam.moment
@@ -78,7 +78,7 @@ def constant_inertia_moment(moment: Any, speed: Any, kick: Any, cam: Any, motion
 
 @wp.func
 def cam_energy(speed: Any, cam: Any, motion: Any):
-    """Energy [J] of the valves on a body, 0 where its motion is prescribed."""
+    """Energy [J] of a body's valves, 0 with prescribed motion."""
     energy = cam.energy + type(speed)(0.5) * cam.inertia * speed * speed
     return wp.where(motion.prescribed == 1, type(speed)(0.0), energy)
 

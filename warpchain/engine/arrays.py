@@ -277,7 +277,7 @@ def upload_state(packed: Any, device: str, large: tuple[int, int] | None = None)
 
 
 def empty_sums(packed: Any, device: str, blocks: bool = False) -> Any:
-    """Empty sums of an ensemble (`structs.Sums`): minima at +infinity, maxima at -infinity."""
+    """Empty sums of an ensemble (`structs.Sums`): minima +infinity, maxima -infinity."""
     sums = structs.types(packed.real, blocks).Sums()
     for name, count in array_lengths(packed.drives, "sums").items():
         struct = array_type("sums", name, packed.real, blocks)
@@ -390,7 +390,7 @@ class Engine(ABC):
             future.result()
 
     def copy_state(self) -> dict[tuple[str, str], NDArray[Any]]:
-        """Copies of an engine's changing arrays, in the device's types."""
+        """Copies of changing arrays, in the device's types."""
         return {
             (group, name): np.array(getattr(struct, name).numpy(), copy=True)
             for group, struct in self.changing_structs().items()

@@ -95,7 +95,7 @@ def _fill_face_box(row: Any, profile: Profile, origin: NDArray[np.float64], offs
 
 
 def guide_effective_mass(model: ChainModel, g: int) -> float:
-    """Effective mass [kg] of a roller that slides on guide g."""
+    """Effective mass [kg] of a roller sliding on guide g."""
     arm = model.arm_of(g)
     return model.chain.mass if arm is None else arm_effective_mass(model, arm)
 
@@ -209,7 +209,7 @@ def fill_tensioner_element(row: Any, model: ChainModel, tensioner: Tensioner) ->
 
 
 def _expansion_pressure(pressure: Any, oil: Any) -> Any:
-    """Expansion pressure of oil [Pa], eq. (10a) of `physics.tensioner`."""
+    """Expansion pressure [Pa] of oil, (10a) of `physics.tensioner`."""
     share, ratio = 1.0 / (1.0 + oil.air), pressure / oil.ambient
     q, b = share * pressure / oil.bulk_modulus, share * oil.air * power(ratio, -5.0 / 7.0)
     total = 0.0 * q

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from warpchain.engine.packed_ensemble import PackedEnsemble
 
 CORE_RATE = 8e7
-"""Roller-steps a second of a CPU core (docs/performance.md)."""
+"""Roller-steps a second of a core (docs/performance.md)."""
 GPU_START = 0.1
 """Seconds until a GPU begins."""
 METRICS_FACTOR = 1.5

@@ -46,7 +46,7 @@ def input_variables(port: InputPort, starts: Sequence[float]) -> list[Variable]:
 
 
 def output_variables(port: OutputPort, drive: Drive) -> list[Variable]:
-    """Variables of an FMU's output in order: PART.CHANNEL, or CHANNEL.I of rollers and links."""
+    """Variables of an FMU's output: PART.CHANNEL, or CHANNEL.I of rollers and links."""
     part, _, name = port.name.rpartition(".")
     channel = CHANNEL_BY_NAME[name]
     if part:

@@ -27,7 +27,7 @@ COPIES = 32
 
 @dataclass
 class ProbeStates:
-    """States of copies of a drive in a force probe."""
+    """States of a drive's copies in a force probe."""
 
     position: Array  # (copies, N, 2) of the rollers [m]
     velocity: Array  # (copies, N, 2) of the rollers [m/s]

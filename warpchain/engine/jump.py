@@ -177,7 +177,7 @@ def _own_and_limit_wear(drive: Drive, on: str | None) -> tuple[str, float, float
 
 
 def _can_assemble(drive: Drive) -> bool:
-    """Whether each chain of a drive can be assembled."""
+    """Whether each chain of a drive assembles."""
     try:
         for chain in Model(drive).chains:
             assemble_chain(chain)
@@ -199,7 +199,7 @@ def _changed_drive(drive: Drive, by: str, on: str, value: float) -> Drive:
 
 
 def _run_round(todo: list[_JumpSearch], changed: Callable[[Drive, float], Drive], options: dict[str, Any]) -> None:
-    """Runs a round's values, and narrows the jump searches."""
+    """Runs a round's values; narrows jump searches."""
     drives = [changed(search.drive, value) for search in todo for value in search.values]
     with warnings.catch_warnings():
         for kind in (SuspectWarning, LayoutWarning):

@@ -21,7 +21,7 @@ LAUNCH_PARTS = 8
 
 
 class Launch(NamedTuple):
-    """Launch of a GPU kernel: "advance", without metrics, or "measure"."""
+    """Launch of GPU kernel "advance", without metrics, or "measure"."""
 
     kernel: str
     variants: NDArray[np.integer]  # their numbers, in the order of their blocks

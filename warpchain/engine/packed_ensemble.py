@@ -77,7 +77,7 @@ def scatter_values(values: NDArray[Any], first: NDArray[np.integer], rows: NDArr
 def roller_coordinates(
     rows: NDArray[np.floating], first: NDArray[np.int64], count: int
 ) -> tuple[NDArray[np.floating], NDArray[np.floating]]:
-    """Coordinates x and y (K, N) of packed variants' rollers."""
+    """Coordinates x, y (K, N) of packed rollers."""
     both = gather_values(rows, STATE_ROWS * first, 2 * count)
     return both[:, :count], both[:, count:]
 
@@ -184,7 +184,7 @@ class PackedEnsemble(_PackedArrays):
 
     @property
     def has_crowded_arms(self) -> NDArray[np.bool_]:
-        """Whether an arm carries a guide and something else (variants,)."""
+        """Whether arms carry a guide and something else (variants,)."""
 
         def carried(counts: str, bodies: NDArray[np.integer]) -> NDArray[np.int64]:
             """Number (bodies,) of a kind's parts on each packed body."""
@@ -240,7 +240,7 @@ class PackedEnsemble(_PackedArrays):
         return self._select_variants(places, self.drives[a:b].copy(), self.assemblies[a:b])
 
     def pick_variants(self, which: Sequence[int]) -> PackedEnsemble:
-        """Packed ensemble of the variants `which`, arrays copied."""
+        """Packed ensemble of variants `which`, arrays copied."""
         chosen = np.asarray(which, dtype=np.int64)
         places = {}
         for kind, first in first_places(self.drives).items():

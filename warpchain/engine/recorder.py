@@ -51,7 +51,7 @@ class RecordingOptions:
 
     @property
     def channels_with_measured(self) -> tuple[str, ...]:
-        """Channels that are recorded or that metrics need."""
+        """Recorded channels and those that metrics need."""
         wanted = {*self.record.channels, *self.measured}
         return tuple(name for name in CHANNEL_NAMES if name in wanted)
 
@@ -77,7 +77,7 @@ class RecordingOptions:
 
 
 def _memory_beside_statistics(packed: PackedEnsemble, memory: int) -> int:
-    """Memory budget [bytes] beside an ensemble's sums, or SimulationError."""
+    """Memory budget [bytes] beside sums, or SimulationError."""
     from warpchain.engine.arrays import sums_bytes
 
     taken = sums_bytes(packed)

@@ -151,17 +151,17 @@ class Clock:
 
     @property
     def taken_by_variant(self) -> NDArray[np.int64]:
-        """Step (V,) up to which each variant is evaluated."""
+        """Step (V,) up to which variants are evaluated."""
         return np.array(self.taken)[self.group]
 
     @property
     def now(self) -> NDArray[np.float64]:
-        """Instant (V,) of each variant's last evaluated step [s]."""
+        """Instant (V,) [s] of variants' last evaluated step."""
         return np.array([max(n, 0) * h for n, h in zip(self.taken, self.steps, strict=True)])[self.group]
 
     @property
     def next(self) -> NDArray[np.float64]:
-        """Instant (V,) of each variant's next step [s]."""
+        """Instant (V,) [s] of variants' next step."""
         return np.array([(n + 1) * h for n, h in zip(self.taken, self.steps, strict=True)])[self.group]
 
     def steps_after(self, dt: float) -> tuple[list[int], float]:
@@ -184,14 +184,14 @@ class Clock:
 
 
 def _checked_duration(name: str, value: Any) -> float:
-    """A length of time [s] as a plain number."""
+    """Length of time [s] as a plain number."""
     if isinstance(value, Real) and not isinstance(value, bool) and 0.0 < float(value) < math.inf:
         return float(value)
     raise SimulationError(f"{name} = {value!r}: must be a finite number above 0 [s]")
 
 
 class SteppedRun:
-    """A run that is advanced piece by piece, a context: `stepping` makes it.
+    """A run that is advanced piece by piece, a context, by `stepping`.
 
     Attributes:
         drives: (V,) of the variants.

@@ -51,7 +51,7 @@ CONTACT_MARGIN = 1.0 / 16.0
 """Distance, in roller radii, from which contacts count."""
 
 PIN_STIFFNESS = 12.0
-"""Stiffness of a pin in its bush over a link's."""
+"""Pin's stiffness in its bush over a link's."""
 
 TANGENTIAL_STIFFNESS = 0.8
 """Tangential over normal stiffness of contacts (Mindlin 1949)."""
@@ -155,7 +155,7 @@ def _fill_end(row: Any, model: ChainModel, s: int) -> None:
 
 
 def _harmonic_rows(model: ChainModel, s: int, harmonics: Sequence[Harmonic]) -> NDArray[np.float64]:
-    """Rows (order, amplitude, phase) of a body's harmonics."""
+    """Harmonics (order, amplitude, phase) of a body."""
     rows = [array_of_columns((h.order / shaft_ratio(model, s, h.shaft), h.amplitude, h.phase)) for h in harmonics]
     return np.stack(np.broadcast_arrays(*rows), axis=-2) if rows else np.zeros((0, 3))
 
@@ -187,7 +187,7 @@ def fill_motion_row(row: Any, model: ChainModel, s: int, angle: Any, harmonics: 
 
 
 def _fill_harmonics_row(row: Any, rows: NDArray[np.float64], harmonics: RowList) -> None:
-    """Appends rows of a body's harmonics, and fills their place."""
+    """Appends a body's harmonics, and fills their place."""
     first, _ = harmonics.add(rows)
     row["count"] = rows.shape[-2]
     row["first"] = first + (rows.shape[-2] * np.arange(len(rows)) if rows.ndim > 2 else 0)
@@ -272,7 +272,7 @@ def fill_strand_row(row: Any, assembly: Assembly, model: ChainModel, s: int) -> 
 
 
 def fill_drive_row(row: Any, model: ChainModel, assembly: Assembly) -> None:
-    """Fills a `structs.Drive`: counts, integrator, and the box of motion."""
+    """Fills a `structs.Drive`: counts, integrator, box of motion."""
     row["chains"] = 1
     row["points"] = int(ENDS) if model.chain.is_silent else 1
     row["rollers"], row["sprockets"], row["guides"] = model.chain.rollers, len(model.sprockets), len(model.guides)

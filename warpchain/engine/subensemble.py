@@ -85,7 +85,7 @@ SettledRows = tuple[NDArray[Any], NDArray[np.float64]]
 
 @dataclass(frozen=True)
 class SubensembleResult:
-    """Result of a subensemble: final states, metrics and trajectories."""
+    """Result of a subensemble: final states, metrics, trajectories."""
 
     ends: VariantEnds[Drive]
     metric_blocks: Callable[[], ColumnBlocks]  # gives the metrics, numbered as in the run

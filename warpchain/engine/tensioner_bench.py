@@ -189,7 +189,7 @@ def _struct_rows(
 
 
 def tensioner_with_viscosity(tensioner: TensionerPart, viscosity: float | None) -> TensionerPart:
-    """Tensioner with another oil viscosity [m^2/s]; None keeps its own."""
+    """Tensioner with another oil viscosity [m^2/s], None: its own."""
     if viscosity is None:
         return tensioner
     assert tensioner.oil is not None
@@ -217,7 +217,7 @@ def _sample_table(one: PlungerMotion, values: NDArray[np.float64]) -> pa.Table:
 
 
 def _unit_table(columns: dict[str, Any], units: dict[str, str]) -> pa.Table:
-    """Table of a tensioner's columns with units as metadata."""
+    """Table of a tensioner's columns, units as metadata."""
     import pyarrow as pa
 
     return table_with_units({name: pa.array(np.ascontiguousarray(columns[name])) for name in units}, units)

@@ -70,14 +70,14 @@ def _batch_sums_by_name(found: Mapping[str, NDArray[Any]], drives: NDArray[Any],
 def note_steps(
     start: NDArray[Any] | int, end: NDArray[Any] | int, sample_interval: NDArray[Any] | int, batches: int = int(BATCHES)
 ) -> NDArray[np.int64]:
-    """Steps (..., batches - 1) at which window batches end."""
+    """Steps (..., batches - 1) where window batches end."""
     first, last, every = (np.asarray(step, dtype=np.int64)[..., None] for step in (start, end, sample_interval))
     reached = first - (first - last) * np.arange(1, batches) // batches  # rounded up
     return np.asarray(-(-reached // every) * every)
 
 
 def has_batches(window: NDArray[Any] | int, sample_interval: NDArray[Any] | int, batches: int = LONG_BATCHES) -> Any:
-    """Whether windows (...) have a sample for each batch."""
+    """Whether windows (...) have a sample a batch."""
     return window >= batches * sample_interval
 
 
