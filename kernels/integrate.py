@@ -109,7 +109,6 @@ class Stage:
 
 
 BlockStage = at_float32(Stage, {}, pairs=("time", "after"))
-"""`Stage` on blocks at float32."""
 
 
 @wp.func

@@ -1027,4 +1027,3 @@ def _types(Real: type, blocks: bool) -> SimpleNamespace:
 
 
 STRUCTS = [of for of in vars().values() if isinstance(of, type(Drive)) and of not in (Pair, PairVector, _BlockPose)]
-"""All structs of this file."""

@@ -122,7 +122,6 @@ class Rows:
 
 
 ROWS = tuple(field.name for field in fields(Rows))
-"""Names of a CPU scratch's rows."""
 
 
 @cache

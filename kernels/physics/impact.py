@@ -11,8 +11,8 @@ mass, a the closing acceleration by all but this contact and D = h c / (2 m), th
 
     u (1 + D (1 + G)) = v + (h / 2) (a - E / m) + D G u_0,    F = max(0, E + c min(u, v0)),                   (a)
 
-u_0 that of the step before and G twice the body's answer if all its n seated rollers changed alike: 2 n m R^2 / J of a
-body that turns, n m d^2 / I of the arm and n m / M of the slider that carry it. A scheme with stages bounds c to
+u_0 that of the step before and G twice the body's answer if all its n seated rollers changed alike
+(`warpchain.engine.contact_mobility`). A scheme with stages bounds c to
 
     c / (1 + (c h / (2 m))^4)^(1/4).
 """

@@ -34,13 +34,7 @@ def cpu_kernel(name: str, packed: PackedEnsemble, precision: str) -> Any:
 
 
 class PreparedLaunch:
-    """Launch of the kernel "advance", repeated without Warp's checks of arguments.
-
-    Attributes:
-        bounds: of the launch.
-        arguments: of the kernel, by name.
-        scratch: that it uses.
-    """
+    """Launch of the kernel "advance", repeated without Warp's checks of arguments."""
 
     def __init__(self, command: Any, scratch: wp.array) -> None:
         self.bounds, *values = command.params

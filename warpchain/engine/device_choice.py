@@ -1,12 +1,4 @@
-"""Device choice between the CPU, a GPU and all GPUs, by estimated times.
-
-For variants of n rollers and w steps, c cores of r roller-steps a second, k GPUs of r when full, l of a small step,
-
-    t_cpu = max(most of w n, (sum of w n) / c) / r                                                            (1)
-    t_gpu = start + sqrt((l (most of w))^2 + ((sum of w n) / (k r))^2),                                       (2)
-
-with compilation on top.
-"""
+"""Device choice between the CPU, a GPU and all GPUs, by estimated times (docs/devices.md)."""
 
 from __future__ import annotations
 
@@ -62,7 +54,7 @@ def fastest_devices(
 def estimated_seconds(
     devices: Sequence[str], packed: PackedEnsemble, precision: str, cores: int, times: float = 1.0
 ) -> float:
-    """Estimated time [s] of steps on devices, (1), (2)."""
+    """Estimated time [s] of steps on devices (docs/devices.md)."""
     drives = packed.drives
     window = np.minimum(drives["window_end"], drives["steps"]) - drives["window_start"] + 1.0
     steps = drives["steps"] + (METRICS_FACTOR - 1.0) * np.maximum(window, 0.0)

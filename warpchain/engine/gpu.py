@@ -61,7 +61,6 @@ STREAMS = 4
 """Streams of GPU launches side by side."""
 
 KERNEL_LOCK = Lock()
-"""Lock to make and load GPU kernels."""
 
 LAUNCH_STEPS = 131_072
 """Most steps of one GPU launch."""

@@ -62,7 +62,6 @@ _KINDS = (
     InputKind("force", "N", "tensioners with a spring", "tensioners", (), ("preload", 0.0), 0.0),
 )
 KINDS = {kind.name: kind for kind in _KINDS}
-"""Kinds of inputs by name."""
 
 
 @dataclass

@@ -78,7 +78,6 @@ def pack(
 
     Args:
         chains: drives of one chain, or models of chains.
-        schedules: their steps.
         numbers: of drives in messages.
 
     Raises:

@@ -79,7 +79,6 @@ def plan_run(
 
     Args:
         device: as the user names it.
-        settings: precision, and CPU threads.
         most: subensembles of a GPU.
 
     Raises:
@@ -103,7 +102,6 @@ class SubensembleQueue:
     """Queue that runs subensembles on GPUs, as a context.
 
     Args:
-        settings: precision and threads.
         make_recorders: gives a subensemble's recorder and state keeper.
         again: whether another GPU may repeat a failed subensemble.
         total: simulated time of all [s].

@@ -51,7 +51,6 @@ RIDE_UNITS = {
     "leak_loss": "J", "valve_loss": "J", "damper_loss": "J", "suction_work": "J", "gained": "J",
     "vapor": "1",
 }  # fmt: skip
-"""Columns of a tensioner's ride and units."""
 
 
 @dataclass(frozen=True)
