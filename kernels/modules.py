@@ -60,7 +60,7 @@ def sources_digest(start: Path) -> bytes:
 
 @cache
 def _source_of(kind: type) -> str:
-    """File's text that defines a class of a kernel's arguments, or ""."""
+    """Text of the file that defines a class of a kernel's arguments, or ""."""
     path = getattr(sys.modules.get(kind.__module__), "__file__", None)
     return Path(path).read_text(encoding="utf-8") if path else ""
 

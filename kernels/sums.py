@@ -58,7 +58,7 @@ def merge_extremes(sums: Any, lowest: wp.float64, highest: wp.float64):
 
 @wp.func
 def add_energy(sums: Any, start: bool, energy: wp.float64):
-    """Chain's or roller's sums with energy [J] at the window's ends."""
+    """Chain's or roller's sums with energy [J] at the window's start or end."""
     if start:
         sums.energy_start = sums.energy_start + energy
     else:

@@ -78,8 +78,8 @@ def simulate(
 
     Args:
         drives: one or many, which may differ in every value.
-        device: "cpu", "cuda" (all GPUs), "cuda:1", or None for those expected to finish first; each has its own last
-            bits.
+        device: "cpu", "cuda" (all GPUs), "cuda:1", or None for those expected to finish first; their last bits
+            differ.
         precision: "float64" or "float32".
         duration: simulated time [s]; None: each drive's own.
         step: time step [s], or "auto"; None: each drive's own.
@@ -199,7 +199,7 @@ def schedules_of(
 
     Raises:
         DriveError: a step beyond a variant's limit.
-        SimulationError: an invalid window.
+        SimulationError: a window outside the run.
     """
     count = len(drives)
     recorded = record.indices(count)
