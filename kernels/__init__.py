@@ -1,4 +1,4 @@
-"""Warp code of the solver: the physics (`physics`), and kernels that call it.
+"""Warp code of the solver: physics (`physics`), and kernels that call it.
 
-`cpu` runs one variant a thread, `gpu` one variant a block of threads.
+`cpu` runs one variant a thread, `gpu` one a block of threads.
 """

@@ -1,4 +1,4 @@
-"""Structs taken by reference in the C++ that Warp generates, which compiles faster than by value.
+"""Structs by reference in the C++ that Warp generates, which compiles faster than by value.
 
 Only structs of kinds that no function writes to.
 """
@@ -24,7 +24,7 @@ READING = {"wp::where", "wp::copy", "wp::array_store"}
 
 
 def with_structs_by_reference(source: str) -> str:
-    """Warp's generated C++ with structs taken by reference that no function writes."""
+    """Warp's generated C++ with structs by reference that no function writes."""
     pieces = [piece.partition(BODY) for piece in PIECE.split(source)]
     functions = [(found[1], head, body) for head, _, body in pieces if (found := FUNCTION.match(head))]
     reading = READING | {name for name, _, _ in functions}

@@ -1,6 +1,6 @@
-"""Frames: output of a drive's values, on the CPU and the GPU alike.
+"""Frames: output of a drive's values, on CPU and GPU alike.
 
-`frame` says which channels a frame holds and where (`results.channels.FrameLayout`).
+`frame` says which channels frames hold and where (`results.channels.FrameLayout`).
 """
 
 from dataclasses import dataclass

@@ -1,7 +1,7 @@
 """Integrators' kicks, stages and weights, for rollers and bodies.
 
-Leapfrog: v(n + 1/2) = v(n - 1/2) + h a(n), x(n + 1) = x(n) + h v(n + 1/2), the first kick being half a step. What is
-observed at step n takes v(n) = v(n - 1/2) + h a(n) / 2. Explicit Runge-Kutta schemes are rows of `SCHEMES`.
+Leapfrog: v(n + 1/2) = v(n - 1/2) + h a(n), x(n + 1) = x(n) + h v(n + 1/2), the first kick half a step. At step n,
+v(n) = v(n - 1/2) + h a(n) / 2 is observed. Explicit Runge-Kutta schemes are rows of `SCHEMES`.
 """
 
 from dataclasses import dataclass
@@ -15,10 +15,10 @@ from .precision import at_float32
 
 @dataclass(frozen=True)
 class Scheme:
-    """An explicit Runge-Kutta scheme: stage k is evaluated a_k h along the slopes of stage k - 1.
+    """Explicit Runge-Kutta scheme: stage k is evaluated a_k h along the slopes of stage k - 1.
 
     Attributes:
-        weights: b_k of each stage's slopes, as numerator and denominator.
+        weights: b_k of stages' slopes, as numerator and denominator.
         reaches: a_k from the second stage on, likewise.
     """
 
@@ -50,7 +50,7 @@ REACH, REACH_OVER = (_fraction_table([of.reaches for of in SCHEMES.values()], pa
 
 @wp.func
 def leapfrog_kick(step: int, h: Any):
-    """Time [s] over which leapfrog accelerates velocities at `step`: half a step at first."""
+    """Time [s] over which leapfrog accelerates velocities: half a step at first."""
     return wp.where(step == 0, type(h)(0.5) * h, h)
 
 
@@ -74,7 +74,7 @@ def stage_weight(integrator: int, stage: int, h: Any):
 
 @wp.func
 def stage_reach(integrator: int, stage: int, h: Any):
-    """Time [s] from the step's start to the Runge-Kutta stage after `stage`."""
+    """Time [s] from the step's start to the stage after `stage`."""
     if stage == stage_count(integrator) - 1:
         return h
     return h * type(h)(REACH[integrator, stage]) / type(h)(REACH_OVER[integrator, stage])
@@ -90,7 +90,7 @@ def stage_instant(integrator: int, stage: int, h: Any):
 
 @wp.func
 def stretched_part(integrator: int, stage: int, one: Any):
-    """Part of a step that stretches friction's bristles at an integrator's `stage`."""
+    """Part of a step that stretches bristles at an integrator's `stage`."""
     if stage == 0:
         return one
     return stage_instant(integrator, stage, one)
@@ -109,7 +109,6 @@ class Stage:
 
 
 BlockStage = at_float32(Stage, {}, pairs=("time", "after"))
-"""`Stage` on blocks at float32."""
 
 
 @wp.func

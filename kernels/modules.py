@@ -22,7 +22,7 @@ except ImportError:  # Warp has no public names for them: a version that keeps t
     Module = ModuleHasher = None
 
 KNOWN_VERSIONS = ("1.19.",)
-"""Versions of Warp whose modules take a hasher and generate code as here."""
+"""Versions of Warp that take a hasher and generate code as here."""
 SAME_BINARY = ("use_precompiled_headers",)
 """Warp's options that leave the compiled kernel alone."""
 
@@ -42,7 +42,7 @@ def imported_files(path: Path) -> Iterator[Path]:
 
 @cache
 def reached_files(start: Path) -> tuple[Path, ...]:
-    """Files of this package that a kernel's file imports, directly or not, and itself."""
+    """Files of this package that a kernel's file imports, also indirectly, and itself."""
     found, ahead = {start}, [start]
     while ahead:
         more = set(imported_files(ahead.pop())) - found
@@ -122,6 +122,6 @@ def own_module(file: str, name: str, *form: Any) -> Any:
 
 
 def without_contraction(kernel: wp.Kernel) -> wp.Kernel:
-    """Turns off contraction of products and sums in a kernel, which fixes its bits."""
+    """Turns off contraction of products and sums in a kernel; fixes its bits."""
     wp.set_module_options({"fuse_fp": False}, kernel.module)
     return kernel

@@ -1,6 +1,6 @@
 """Native code for CPU and GPUs: rows of values, roots, reciprocals, sums of products, comparisons.
 
-On CUDA a sum of products is fused: one product of it is not rounded.
+CUDA fuses a sum of products: one product is not rounded.
 """
 
 from dataclasses import dataclass
@@ -32,10 +32,10 @@ RECIPROCAL = """
 """Native code of y = 1/value, as float64."""
 
 STATE_ROWS = wp.constant(6)
-"""Rows of a variant in `structs.State.rollers`: x, y, vx, vy, low parts of x, y."""
+"""Rows of a variant in `structs.State.rollers`: x, y, vx, vy, low x, y."""
 
 LANES = {wp.float64: 4, wp.float32: 8}
-"""Number of rollers that the CPU's vectorized loops take at a time, by type."""
+"""Rollers that the CPU's vectorized loops take at once, by type."""
 
 
 @dataclass(frozen=True)
@@ -50,7 +50,7 @@ class RowAccess:
 
 @cache
 def row_access(Real: type) -> RowAccess:
-    """Native access to arrays of `Real`; `find_unlike` and `round_up` on the CPU."""
+    """Native access to arrays of `Real`; on the CPU `find_unlike`, `round_up`."""
     lanes = LANES.get(Real, 1)
 
     @wp.func_native("assert(i >= 0 && i < a.shape[0]); return a.data[i];")
@@ -83,7 +83,7 @@ def row_access(Real: type) -> RowAccess:
         return bits;
     """)
     def find_unlike(a: wp.array[Real], first: int, count: int, value: Real) -> wp.uint64:
-        """Bits of up to 64 values of an array, from `first` on, that are not `value`."""
+        """Bits of up to 64 values of an array, from `first` on, unlike `value`."""
 
     @wp.func
     def round_up(n: int):
@@ -95,7 +95,7 @@ def row_access(Real: type) -> RowAccess:
 
 @cache
 def aligned_rows(kind: Any) -> wp.Function:
-    """Native function that has an array of structs read in whole rows."""
+    """Native function that has arrays of structs read in whole rows."""
 
     @wp.func_native("""
         auto view = rows;

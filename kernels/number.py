@@ -1,16 +1,16 @@
 """One number at two precisions: float64, or a pair of float32 on blocks without float64.
 
-A pair is a value and what it rounds off: 48 bits. A sum of two floats is exactly a float and its error (Knuth's
-two-sum), and so is a product:
+A pair is a value and what it rounds off: 48 bits. A float32 sum is exactly a float and its error (Knuth's two-sum), and
+so is a product:
 
     s = fl(a + b), t = s - a, e = (a - (s - t)) + (b - t);        p = fl(a b), e = fma(a, b, -p).
 
-No compiler may fuse a product into these sums (`modules.without_contraction`). Modules that import `add`, `sub`, `mul`
-and `div` have signs between pairs, and between numbers and literals exact in float32 (0.5, not 0.1). Quotients of
-literals are `wp.static`: within a kernel Warp divides them in float32.
+No compiler may fuse a product into these sums (`modules.without_contraction`). Modules that import `add`, `sub`, `mul`,
+`div` have signs between pairs, and between numbers and literals exact in float32 (0.5, not 0.1). Quotients of literals
+are `wp.static`: kernels divide them in float32.
 
-Sine and cosine are the same on every device: angle = k pi/2 + r, |r| <= pi/4, and series to r^17 and r^16. The
-logarithm of a pair is ln r = e ln 2 + 2 s (1 + s^2/3 + s^4/5 + ...), s = (m - 1)/(m + 1), r = 2^e m.
+Sine and cosine are the same on every device: angle = k pi/2 + r, |r| <= pi/4, and series to r^17 and r^16. A pair's
+logarithm is ln r = e ln 2 + 2 s (1 + s^2/3 + s^4/5 + ...), s = (m - 1)/(m + 1), r = 2^e m.
 """
 
 import math

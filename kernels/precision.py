@@ -1,6 +1,6 @@
 """Structs at float32 made from those at float64, and rows of them converted there and back.
 
-A field becomes a float32 or a pair; a new field needs nothing here.
+Fields become float32 or pairs.
 """
 
 from collections.abc import Collection, Mapping
@@ -31,10 +31,10 @@ def at_float32(
     """Warp struct with float32 in place of float64, also in its arrays.
 
     Args:
-        nested: structs in place of structs in it.
+        nested: replacements of structs in it.
         pairs: fields that become pairs.
         recent: sums that every step adds to (`number.RecentSum`).
-        kept: fields that stay as they are.
+        kept: unchanged fields.
         rows: fills up to whole rows of `ROW` bytes.
         other: types of further fields.
     """

@@ -1,8 +1,8 @@
 """Settling: static equilibrium of rollers and arms, sprockets held, by dynamic relaxation with kinetic damping.
 
-They move from rest by all elastic forces and gravity; once kinetic energy has passed a peak, velocities are set to
-zero. A restart takes half a kick. The state is settled when no net force exceeds a fraction of the largest of link
-force, a roller's weight, and the force that stretches a link by a nanometer.
+They move from rest by elastic forces and gravity; after a peak of kinetic energy velocities are zeroed. A restart takes
+half a kick. Settled: no net force exceeds a fraction of the largest of link force, a roller's weight, and the force
+that stretches a link by a nanometer.
 """
 
 from typing import Any
@@ -51,7 +51,7 @@ def relative_residual(
 
 @wp.func
 def relaxation_after_check(now: Settling, energy: wp.float64, residual: wp.float64):
-    """Settling after a check of kinetic energy [J] and residual, and 1 to restart from rest."""
+    """Settling after a check of kinetic energy [J] and residual; 1 to restart."""
     restart = int(0)
     now.residual = residual
     if residual < now.tolerance:

@@ -1,7 +1,7 @@
 """The window's batches, the histogram of tension, and teeth that the chain jumps.
 
-Note k (from 1) of a window of W steps from step a is taken at the first step that is a multiple of the drive's
-`sample_interval` and at least a + k W / BATCHES, before that step is added.
+Note k (from 1) of a window of W steps from step a is taken at the first multiple of the drive's `sample_interval` that
+is at least a + k W / BATCHES, before that step is added.
 """
 
 from typing import Any

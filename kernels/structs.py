@@ -1,6 +1,6 @@
 """Data that kernels read and write, as Warp structs in float64 and SI units.
 
-At float32 the motion of bodies stays float64 on the CPU; blocks have it in float32 or pairs.
+At float32 bodies' motion stays float64 on the CPU, on blocks in float32 or pairs.
 """
 
 from functools import cache
@@ -86,7 +86,7 @@ class Drive:
 
 @wp.struct
 class Motion:
-    """Prescribed motion or load of a body's angle, and its train (`physics.train`)."""
+    """Prescribed motion or load of a body's angle; its train (`physics.train`)."""
 
     prescribed: wp.int32  # 1: angle prescribed, 0: free to turn
     train: wp.int32  # number of the train's first body in the drive, or among those of all chains; its own where it
@@ -192,7 +192,7 @@ class Cam:
 class Mount:
     """Mount of a body's center, and its balance wheel; zero for a fixed center.
 
-    The wheel of an arm on a prescribed pivot is its center of mass.
+    An arm's wheel on a prescribed pivot is its center of mass.
     """
 
     active: wp.int32  # 1: the center can move or there is a wheel
@@ -252,7 +252,7 @@ class Arm:
 
 @wp.struct
 class Piece:
-    """A piece of a guide's face in its body's frame, chain on the left; one more ends the face."""
+    """Piece of a guide's face in its body's frame, chain on the left; one more ends the face."""
 
     start: wp.vec2d  # [m]
     direction: wp.vec2d  # of travel at its start
@@ -782,7 +782,7 @@ class RollerTally:
 
 @wp.struct
 class Tallies:
-    """Sums of block kernels by roller, contacts' in rows of their own."""
+    """Sums of block kernels by roller; contacts' in own rows."""
 
     link: wp.array[LinkTally]  # (sum of (S + 1) N,)
     impacts: wp.array[wp.int32]  # (contact memories,)
@@ -995,8 +995,8 @@ _ONE_AT_A_TIME = Lock()
 def types(Real: type, blocks: bool = False) -> SimpleNamespace:
     """Structs at precision `Real` (wp.float64 or wp.float32) by name.
 
-    Beside them are `Real`, its vector `vec2`, `Number` (of `number`), and `Instant`, a body's state in plain numbers.
-    Without `blocks` bodies' motion is float64 at both precisions.
+    With them are `Real`, its vector `vec2`, `Number` (of `number`), and `Instant`, a body's state in plain numbers.
+    Without `blocks` bodies' motion is float64.
     """
     with _ONE_AT_A_TIME:
         return _types(Real, blocks)
@@ -1027,4 +1027,3 @@ def _types(Real: type, blocks: bool) -> SimpleNamespace:
 
 
 STRUCTS = [of for of in vars().values() if isinstance(of, type(Drive)) and of not in (Pair, PairVector, _BlockPose)]
-"""All structs of this file."""

@@ -10,7 +10,7 @@ from .number import gathered_sum, rounded_value, sub, sum_with  # noqa: F401
 from .structs import ChainSums, ContactSums, Drive, RollerTally, Strand, StrandSums, Totals
 
 MERGE_EVERY = wp.constant(32)
-"""Number of steps after which links' and sprockets' sums are merged into the window's."""
+"""Steps after which links' and sprockets' sums are merged into the window's."""
 
 
 @wp.func
@@ -116,7 +116,7 @@ def merge_contact(sums: ContactSums, other: ContactSums):
 
 @wp.func
 def add_powers(sums: Any, speed: Any, moment: Any, load: Any, late: Any, weight: Any):
-    """A sprocket's window sums with speed, contacts' moment and powers of a step added."""
+    """A sprocket's window sums with speed, contacts' moment and powers added."""
     way = weight * speed
     sums.moment = sum_with(sums.moment, weight * moment)
     sums.contact_work = sum_with(sums.contact_work, way * moment)
@@ -350,7 +350,7 @@ def strand_follower(Real: type) -> wp.Function:
 
     @wp.func
     def last_roller_before(rollers: wp.array[Real], x: int, y: int, n: int, i: int, limit: wp.float64, strand: Strand):
-        """Last roller not past `limit` [m] along a strand, from roller `i` on."""
+        """Last roller not past `limit` [m] along a strand, from `i` on."""
         tries = int(0)
         while roller_coordinate(rollers, x, y, i, strand) > limit and tries < n:
             i = previous_index(i, n)

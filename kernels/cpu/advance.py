@@ -1,7 +1,7 @@
-"""The CPU kernel: one Warp thread advances all chains of one variant through the steps of a launch.
+"""The CPU kernel: one Warp thread advances all chains of a variant through a launch's steps.
 
-At step n, positions and forces are those of time n h; leapfrog's velocities are half a step behind, and are recorded
-as v(n) = v(n - 1/2) + h a(n) / 2.
+At step n, positions and forces are of time n h; leapfrog's velocities, half a step behind, are recorded as
+v(n) = v(n - 1/2) + h a(n) / 2.
 """
 
 from functools import cache
@@ -54,9 +54,9 @@ def step_now(drive: Drive, step: int):
 
 @cache
 def advance_kernel(Real: type, capacity: int, frame: Any, several: bool, silent: bool = False) -> wp.Kernel:
-    """CPU kernel that advances variants through the steps of a launch, for up to `capacity` - 1 rollers of a chain.
+    """CPU kernel that advances variants through a launch's steps, for up to `capacity` - 1 rollers of a chain.
 
-    `frame` is the layout of frames (`kernels.frames`). Only with `several` may a variant have several chains, only with
+    `frame` is the layout of frames (`kernels.frames`). Only with `several` may variants have several chains, only with
     `silent` silent ones.
     """
     kinds = types(Real)
@@ -88,13 +88,13 @@ def advance_kernel(Real: type, capacity: int, frame: Any, several: bool, silent:
 
     @wp.func
     def has_left(state: State, drive: Drive, w: wp.array[Real]):
-        """Whether a roller or body of a chain on the CPU has left the drive's box, or is not finite."""
+        """Whether a chain's roller or body on the CPU has left the drive's box, or is not finite."""
         inside = rollers.is_inside(w, drive.rollers, drive.low, drive.high)
         return inside == 0 or body_states.has_sound_bodies(state, drive) == 0
 
     @wp.func
     def begin_launch(ensemble: Ensemble, state: State, drive: Drive, w: wp.array[Real], kept: int):
-        """Copies a chain from the state into the CPU's scratch at a launch's begin, unless it is there."""
+        """Copies a chain from the state into the CPU's scratch at a launch's begin, unless there."""
         if kept & IS_KEPT == 0:
             rollers.fetch(state, ensemble.lengths, w, drive.first_roller, drive.rollers)
             contact_rows.fetch_dampers(state, drive, w)
@@ -106,7 +106,7 @@ def advance_kernel(Real: type, capacity: int, frame: Any, several: bool, silent:
 
     @wp.func
     def end_launch(ensemble: Ensemble, state: State, sums: Sums, row: int, drive: Drive, w: wp.array[Real], kept: int):
-        """Copies a chain from the CPU's scratch into the state at a launch's end, unless kept there; merges sums."""
+        """Copies a chain from the CPU's scratch into the state at a launch's end, unless kept; merges sums."""
         if kept & KEEP == 0:
             chain_sums.merge_tallies(ensemble, state, sums, row, w)
             rollers.put_back(state, w, drive.first_roller, drive.rollers)
@@ -126,7 +126,7 @@ def advance_kernel(Real: type, capacity: int, frame: Any, several: bool, silent:
         kept: int,
         count: int,
     ):
-        """Advances the chains of a variant on the CPU, from row `variant` on, by up to `count` steps."""
+        """Advances a variant's chains on the CPU, from row `variant` on, up to `count` steps."""
         chains, w = wp.static(1), scratch[0]
         if wp.static(several):
             drive, chain = drive_at(ensemble, variant), chain_at(ensemble, variant)
@@ -206,7 +206,7 @@ def advance_kernel(Real: type, capacity: int, frame: Any, several: bool, silent:
         kept: int,
         steps: int,
     ):
-        """Advances variants, a CPU thread each from row `first` on, by up to `steps` steps, with sums and frames."""
+        """Advances variants, a CPU thread each from row `first` on, up to `steps` steps, with sums and frames."""
         variant = first + wp.tid()
         if ensemble.drives[variant].chains > 0:
             advance_variant(ensemble, state, sums, variant, frames, scratch, kept, steps)

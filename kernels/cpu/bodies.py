@@ -1,4 +1,4 @@
-"""Bodies of one variant on the CPU: their accelerations, and their motion by each integrator."""
+"""Bodies of one variant on the CPU: accelerations, and motion by each integrator."""
 
 from dataclasses import dataclass
 from functools import cache
@@ -37,7 +37,7 @@ class BodyFunctions:
 
 @cache
 def body_functions(Real: type) -> BodyFunctions:
-    """CPU body motion functions at type `Real`."""
+    """CPU body motion functions."""
     kinds = types(Real)
     Ensemble, State = kinds.Ensemble, kinds.State
     hubs = hub_functions(Real)
@@ -66,7 +66,7 @@ def body_functions(Real: type) -> BodyFunctions:
 
     @wp.func
     def find_accelerations(ensemble: Ensemble, state: State, drive: Drive, stage: int, time: wp.float64):
-        """Sets `state.rates`, the accelerations of all bodies, at a stage and its `time` [s]."""
+        """Sets `state.rates`, all bodies' accelerations, at a stage and `time` [s]."""
         if drive.tied != 0:
             trains.find_train_moments(ensemble, state, drive, stage, time)
         for b in range(drive.first_body, drive.first_body + drive.bodies):
@@ -80,7 +80,7 @@ def body_functions(Real: type) -> BodyFunctions:
 
     @wp.func
     def take_leapfrog_step(ensemble: Ensemble, state: State, drive: Drive, time: wp.float64, kick: wp.float64):
-        """Moves all bodies and tensioners of a variant on the CPU by a leapfrog step from `time` [s]."""
+        """Moves all bodies and tensioners on the CPU by a leapfrog step from `time` [s]."""
         tensioners.find_supplies(ensemble, state, drive, time)
         for b in range(drive.first_body, drive.first_body + drive.bodies):
             motion, mount, rates, body = ensemble.motions[b], ensemble.mounts[b], state.rates[b], state.bodies[b]
@@ -96,7 +96,7 @@ def body_functions(Real: type) -> BodyFunctions:
 
     @wp.func
     def take_stage(ensemble: Ensemble, state: State, drive: Drive, at: Stage):
-        """Moves all bodies of a variant on the CPU by a Runge-Kutta stage, tensioners at the step's end."""
+        """Moves all bodies on the CPU by a Runge-Kutta stage, tensioners at the step's end."""
         if at.number == 0:
             tensioners.find_supplies(ensemble, state, drive, at.time)
         for b in range(drive.first_body, drive.first_body + drive.bodies):

@@ -12,7 +12,7 @@ from ..structs import Drive, types
 
 @wp.func
 def arm_of(drive: Drive, b: int):
-    """Number among all arms of body `b` of all; -1 for other bodies."""
+    """Number among arms of body `b` of all; -1 for others."""
     place = b - drive.first_body - (drive.bodies - drive.arms)
     return wp.where(place >= 0, drive.first_arm + place, -1)
 
@@ -28,7 +28,7 @@ class BodyStateFunctions:
 
 @cache
 def body_state_functions(Real: type) -> BodyStateFunctions:
-    """CPU body state functions at type `Real`."""
+    """CPU body state functions."""
     kinds = types(Real)
     Ensemble, State = kinds.Ensemble, kinds.State
 
@@ -36,7 +36,7 @@ def body_state_functions(Real: type) -> BodyStateFunctions:
     def body_now(ensemble: Ensemble, state: State, b: int, time: wp.float64, lag: wp.float64):
         """State of body `b` of all on the CPU with rates at `time` [s], `lag` after their instant.
 
-        Accelerations must be found.
+        Needs accelerations.
         """
         motion = ensemble.motions[b]
         driven = wp.float64(0.0)
@@ -55,7 +55,7 @@ def body_state_functions(Real: type) -> BodyStateFunctions:
 
     @wp.func
     def has_sound_bodies(state: State, drive: Drive):
-        """1 while every body's rotation is finite and its center is in the drive's box, else 0."""
+        """1 while all bodies' rotations are finite and centers in the drive's box, else 0."""
         good = int(1)
         for b in range(drive.first_body, drive.first_body + drive.bodies):
             body = state.bodies[b]

@@ -1,4 +1,4 @@
-"""Sums over the window of one variant's bodies on the CPU, and their energies at its ends."""
+"""Sums over the window of one variant's bodies on the CPU, and energies at its ends."""
 
 from dataclasses import dataclass
 from functools import cache
@@ -39,7 +39,7 @@ class BodySumFunctions:
 
 @cache
 def body_sum_functions(Real: type) -> BodySumFunctions:
-    """CPU body sum functions at type `Real`."""
+    """CPU body sum functions."""
     kinds = types(Real)
     Ensemble, State = kinds.Ensemble, kinds.State
     body_states, carried_arms = body_state_functions(Real), carried_arm_functions(Real)
@@ -47,7 +47,7 @@ def body_sum_functions(Real: type) -> BodySumFunctions:
 
     @wp.func
     def body_energy_now(ensemble: Ensemble, state: State, drive: Drive, b: int, now: Now):
-        """Energy [J] of body `b` of all at an evaluated step, with that of its valves."""
+        """Energy [J] of body `b` of all at an evaluated step, with its valves'."""
         body = body_states.body_now(ensemble, state, b, now.time, now.lag)
         heading = heading_of(body)
         mount = ensemble.mounts[b]

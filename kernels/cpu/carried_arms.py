@@ -1,4 +1,4 @@
-"""Arms that arms carry, on the CPU: their moments and coupled accelerations (`physics.hub`, (b))."""
+"""Arms that arms carry, on the CPU: moments and coupled accelerations (`physics.hub`, (b))."""
 
 from dataclasses import dataclass
 from functools import cache
@@ -22,7 +22,7 @@ def carrier_body(drive: Drive, on: int):
 
 @wp.func
 def carried_energy(body: BodyState, carrier: BodyState, arm: Arm):
-    """Kinetic energy [J] that a carried arm has by the motion of its pivot."""
+    """Kinetic energy [J] of a carried arm by its pivot's motion."""
     lever = world_vector(arm.lever, pose_of(carrier))
     return energy_of(body.speed, arm_mass_moment(heading_of(body), arm), lever, carrier)
 
@@ -37,7 +37,7 @@ class CarriedArmFunctions:
 
 @cache
 def carried_arm_functions(Real: type) -> CarriedArmFunctions:
-    """CPU functions of arms that carry arms, at type `Real`."""
+    """CPU functions of arms that carry arms."""
     kinds = types(Real)
     Ensemble, State = kinds.Ensemble, kinds.State
     body_states = body_state_functions(Real)

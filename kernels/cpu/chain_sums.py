@@ -1,6 +1,6 @@
-"""Sums over one variant's chain on the CPU, from links' tallies and samples of tensions, mid-strands and slips.
+"""Sums over one variant's chain on the CPU, from links' tallies and samples of tensions, mid-strands, slips.
 
-Tallies are merged every `MERGE_EVERY` steps, samples taken every `sample_interval` steps.
+Tallies are merged every `MERGE_EVERY` steps, samples taken every `sample_interval`.
 """
 
 from dataclasses import dataclass
@@ -26,7 +26,7 @@ class ChainSumFunctions:
 
 @cache
 def chain_sum_functions(Real: type, capacity: int) -> ChainSumFunctions:
-    """CPU chain sum functions for rows of `capacity`."""
+    """CPU chain sum functions."""
     kinds, follow = types(Real), strand_follower(Real)
     Ensemble, State = kinds.Ensemble, kinds.State
     link_tallies = link_tally_functions(Real, capacity)
@@ -35,7 +35,7 @@ def chain_sum_functions(Real: type, capacity: int) -> ChainSumFunctions:
 
     @wp.func
     def note_sums(sums: Sums, variant: int, drive: Drive, step: int):
-        """Notes the chain's sums of batches that end before `step` is added, on the CPU."""
+        """Notes the chain's sums of batches that end before `step`, on the CPU."""
         first, end = notes_due(drive, step)
         for k in range(first, end):
             of_chain = Note()
@@ -55,7 +55,7 @@ def chain_sum_functions(Real: type, capacity: int) -> ChainSumFunctions:
 
     @wp.func
     def find_strands_of_links(state: State, drive: Drive, w: wp.array[Real]):
-        """Sets each link's strand in its row; the number of strands where it is on none."""
+        """Sets each link's strand in its row; the number of strands for none."""
         n = drive.rollers
         for j in range(n):
             access.store(w, row.strand + j, Real(drive.sprockets))
@@ -68,7 +68,7 @@ def chain_sum_functions(Real: type, capacity: int) -> ChainSumFunctions:
 
     @wp.func
     def add_statistics(ensemble: Ensemble, state: State, sums: Sums, variant: int, drive: Drive, w: wp.array[Real]):
-        """Adds a sample's tensions in rows to histograms, and slips of the chain over teeth."""
+        """Adds a sample's tensions in rows to histograms, and the chain's slips."""
         n = drive.rollers
         first = drive.first_sprocket
         find_strands_of_links(state, drive, w)
@@ -87,7 +87,7 @@ def chain_sum_functions(Real: type, capacity: int) -> ChainSumFunctions:
 
     @wp.func
     def merge_tallies(ensemble: Ensemble, state: State, sums: Sums, variant: int, w: wp.array[Real]):
-        """Merges the CPU's rows of links' tallies into the window's sums, and clears them."""
+        """Merges CPU rows of links' tallies into the window's sums; clears them."""
         drive = ensemble.drives[variant]
         chain = ensemble.chains[variant]
         n = drive.rollers
@@ -102,7 +102,7 @@ def chain_sum_functions(Real: type, capacity: int) -> ChainSumFunctions:
     def sample_chain(
         ensemble: Ensemble, state: State, sums: Sums, variant: int, drive: Drive, w: wp.array[Real], step: int
     ):
-        """Updates the strands on the CPU, and adds a sample's tensions and mid-strand displacements to the sums."""
+        """Updates strands on the CPU; adds a sample's tensions and mid-strand displacements to the sums."""
         n = drive.rollers
         if step > drive.window_start:
             note_sums(sums, variant, drive, step)
@@ -119,7 +119,7 @@ def chain_sum_functions(Real: type, capacity: int) -> ChainSumFunctions:
     def merge_and_sample(
         ensemble: Ensemble, state: State, sums: Sums, variant: int, drive: Drive, w: wp.array[Real], step: int
     ):
-        """Merges tallies of and samples the chain before `step` is added, where due."""
+        """Merges tallies of and samples the chain before `step`, where due."""
         if step > drive.window_start:
             merge_tallies(ensemble, state, sums, variant, w)
         if is_sample_step(drive, step):

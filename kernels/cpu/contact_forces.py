@@ -34,7 +34,7 @@ class ContactForceFunctions:
 
 @cache
 def contact_force_functions(Real: type, capacity: int) -> ContactForceFunctions:
-    """CPU contact force functions for rows of `capacity`."""
+    """CPU contact force functions."""
     kinds = types(Real)
     Memory = kinds.Memory
     vec2 = kinds.vec2
@@ -59,7 +59,7 @@ def contact_force_functions(Real: type, capacity: int) -> ContactForceFunctions:
 
     @wp.func
     def normal_approach(w: wp.array[Real], i: int, memory: Memory):
-        """Speed [m/s] at which roller i's penetration grows, by rows, and its acceleration [m/s^2]."""
+        """Speed [m/s] at which roller i's penetration grows, and acceleration [m/s^2], by rows."""
         normal_x = access.load(w, row.normal_x + i)
         normal_y = access.load(w, row.normal_y + i)
         more = approach_acceleration(w, i, memory)
@@ -98,7 +98,7 @@ def contact_force_functions(Real: type, capacity: int) -> ContactForceFunctions:
 
     @wp.func
     def mend_changing_forces(w: wp.array[Real], group: Group, law: kinds.ContactLaw, memory: Memory):
-        """Stores in rows normal forces of contacts that open, close or begin within the step; returns 1."""
+        """Stores in rows normal forces of contacts that open, close or begin; returns 1."""
         i = group.low
         while i < group.high:
             penetration, before = access.load(w, row.penetration + i), access.load(w, row.v0_before + i)
@@ -115,7 +115,7 @@ def contact_force_functions(Real: type, capacity: int) -> ContactForceFunctions:
 
     @wp.func
     def add_force(w: wp.array[Real], i: int):
-        """Adds the contact force in its row to that on roller `i`, and stores its moment on the partner's body."""
+        """Adds the contact force in its row to roller `i`, and stores its moment on the partner's body."""
         force = vec2(access.load(w, row.force_x + i), access.load(w, row.force_y + i))
         arm = vec2(access.load(w, row.arm_x + i), access.load(w, row.arm_y + i))
         access.store(w, row.fx + i, access.load(w, row.fx + i) + force[0])
@@ -154,7 +154,7 @@ def contact_force_functions(Real: type, capacity: int) -> ContactForceFunctions:
 
     @wp.func
     def find_powers(w: wp.array[Real], i: int, law: kinds.ContactLaw, rubs: bool, memory: Memory):
-        """Stores the powers of roller i's contact in rows, with friction's where it `rubs`."""
+        """Stores the powers of roller i's contact, with friction's where it `rubs`."""
         more = approach_acceleration(w, i, memory)
         speed_x = access.load(w, row.relative_x + i) + memory.lag * more[0]
         speed_y = access.load(w, row.relative_y + i) + memory.lag * more[1]
@@ -170,7 +170,7 @@ def contact_force_functions(Real: type, capacity: int) -> ContactForceFunctions:
 
     @wp.func
     def add_measured_force(w: wp.array[Real], i: int, law: kinds.ContactLaw, rubs: bool, memory: Memory):
-        """Adds the contact force to that on roller `i`, stores moment and powers; returns 1 if it begins."""
+        """Adds the contact force to roller `i`, stores moment and powers; returns 1 if it begins."""
         add_force(w, i)
         find_powers(w, i, law, rubs, memory)
         return contact_rows.is_beginning(w, i)
@@ -179,7 +179,7 @@ def contact_force_functions(Real: type, capacity: int) -> ContactForceFunctions:
     def add_measured_forces(
         w: wp.array[Real], group: Group, law: kinds.ContactLaw, friction: kinds.Friction, memory: Memory
     ):
-        """Adds a group's contact forces to those on rollers, stores moments and powers; returns 1 if any begins."""
+        """Adds a group's contact forces to rollers, stores moments and powers; returns 1 if any begins."""
         began = int(0)
         rubs = friction.inertia > Real(0.0)
         i = group.low
@@ -199,7 +199,7 @@ def contact_force_functions(Real: type, capacity: int) -> ContactForceFunctions:
 
     @wp.func
     def add_forces(w: wp.array[Real], group: Group):
-        """Adds a group's contact forces to those on rollers, and stores their moments on the partner's body."""
+        """Adds a group's contact forces to rollers, and stores moments on the partner's body."""
         i = group.low
         while i < group.high:
             add_force(w, i)

@@ -23,7 +23,7 @@ class ContactFrictionFunctions:
 
 @cache
 def contact_friction_functions(Real: type, capacity: int) -> ContactFrictionFunctions:
-    """CPU contact friction functions for rows of `capacity`."""
+    """CPU contact friction functions."""
     kinds = types(Real)
     Memory = kinds.Memory
     row = rows(capacity)
@@ -50,7 +50,7 @@ def contact_friction_functions(Real: type, capacity: int) -> ContactFrictionFunc
 
     @wp.func
     def recall_bristles(w: wp.array[Real], group: Group, memory: Memory):
-        """Copies bristles' forces from contacts' memory to their row, 0 where a contact begins."""
+        """Copies bristles' forces from contacts' memory to their row, 0 for beginning contacts."""
         i = group.low
         while i < group.high:
             held = Real(0.0)

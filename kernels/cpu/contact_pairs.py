@@ -32,7 +32,7 @@ class ContactPairFunctions:
 
 @cache
 def contact_pair_functions(Real: type, capacity: int, silent: bool) -> ContactPairFunctions:
-    """CPU contact pair functions, for rows of `capacity` values; only where `silent` with silent chains."""
+    """CPU contact pair functions, with silent chains only where `silent`."""
     kinds = types(Real)
     Ensemble, State, Memory = kinds.Ensemble, kinds.State, kinds.Memory
     partners = partner_functions(Real)
@@ -89,7 +89,7 @@ def contact_pair_functions(Real: type, capacity: int, silent: bool) -> ContactPa
         totals: wp.array[Totals],
         slot: int,
     ):
-        """Adds a group's contact forces to rollers and `totals[slot]`; returns 1 if contacts' memories change."""
+        """Adds a group's contact forces to rollers and `totals[slot]`; returns 1 if memories change."""
         # totals stay in memory: by value they would be copied where branches join
         measured = memory.wanted.measures != 0
         if law.answer > Real(0.0):
@@ -116,7 +116,7 @@ def contact_pair_functions(Real: type, capacity: int, silent: bool) -> ContactPa
     def add_counts_and_sizes(
         w: wp.array[Real], group: Group, on_teeth: bool, impacts: int, wanted: Now, totals: wp.array[Totals], slot: int
     ):
-        """Adds first contacts and missed faces to totals, and sizes of forces to rows for frames."""
+        """Adds first contacts and missed faces to totals, force sizes to rows for frames."""
         if wanted.sizes != 0:
             contact_rows.add_force_sizes(w, group, wp.where(on_teeth, row.sprocket_force, row.guide_force))
         if wanted.measures != 0:
@@ -161,7 +161,7 @@ def contact_pair_functions(Real: type, capacity: int, silent: bool) -> ContactPa
     def add_contact_forces(
         ensemble: Ensemble, state: State, drive: Drive, place: int, w: wp.array[Real], memory: Memory
     ):
-        """Adds all contact forces of a chain, `place` among all, to the CPU's rows, `Totals` and wrenches on bodies."""
+        """Adds all contact forces of a chain, `place` among all, to CPU rows, `Totals` and bodies' wrenches."""
         if wp.static(silent):
             if drive.points > 1:
                 toes.find_link_motions(w, drive.rollers, ensemble.chains[place])

@@ -1,6 +1,6 @@
 """Rows of the CPU's scratch for a group of rollers' contacts with one partner, and contacts' memory.
 
-Rows go from the group's first near roller to the last; others in between have the penetration `AWAY`.
+Rows span the group's first to last near roller; others between have the penetration `AWAY`.
 """
 
 from dataclasses import dataclass
@@ -33,7 +33,7 @@ class ContactRowFunctions:
 
 @cache
 def contact_row_functions(Real: type, capacity: int) -> ContactRowFunctions:
-    """CPU contact row functions for rows of `capacity`."""
+    """CPU contact row functions."""
     kinds = types(Real)
     Memory, State = kinds.Memory, kinds.State
     access = row_access(Real)
@@ -59,7 +59,7 @@ def contact_row_functions(Real: type, capacity: int) -> ContactRowFunctions:
 
     @wp.func
     def store_arm(w: wp.array[Real], i: int, x: Real, y: Real):
-        """Stores roller i's vector from the center of the partner's body [m] in its contact's row."""
+        """Stores roller i's vector from the partner's body's center [m]."""
         access.store(w, row.arm_x + i, x)
         access.store(w, row.arm_y + i, y)
 
@@ -67,7 +67,7 @@ def contact_row_functions(Real: type, capacity: int) -> ContactRowFunctions:
     def store_contact(
         w: wp.array[Real], i: int, penetration: Real, normal_x: Real, normal_y: Real, relative_x: Real, relative_y: Real
     ):
-        """Stores roller i's penetration, `AWAY` where not near, contact normal and relative velocity."""
+        """Stores roller i's penetration, `AWAY` if not near, normal and relative velocity."""
         # numbers, not vectors, which would keep loops from vectorizing
         access.store(w, row.penetration + i, penetration)
         access.store(w, row.normal_x + i, normal_x)
@@ -77,7 +77,7 @@ def contact_row_functions(Real: type, capacity: int) -> ContactRowFunctions:
 
     @wp.func
     def damper_row(p: int):
-        """First index of the row of damper speeds of a pin's contacts `p`: with sprockets, then with guides."""
+        """First index of the row of damper speeds of pins' contacts `p`: sprockets', then guides'."""
         return wp.static(len(ROWS) * capacity) + p * wp.static(capacity)
 
     @wp.func

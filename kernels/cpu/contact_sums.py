@@ -25,7 +25,7 @@ class ContactSumFunctions:
 
 @cache
 def contact_sum_functions(Real: type, capacity: int) -> ContactSumFunctions:
-    """CPU contact total functions for rows of `capacity`."""
+    """CPU contact total functions."""
     kinds = types(Real)
     access = row_access(Real)
     row = rows(capacity)
@@ -33,7 +33,7 @@ def contact_sum_functions(Real: type, capacity: int) -> ContactSumFunctions:
 
     @wp.func
     def add_totals(w: wp.array[Real], group: Group, totals: wp.array[Totals], slot: int, measured: bool, rubs: bool):
-        """Adds a group's contact forces and moments to totals; where `measured`, powers and sizes too."""
+        """Adds a group's contact forces and moments to totals; if `measured`, powers and sizes."""
         # one loop: each sum waits for its own last value only
         moment = totals[slot].moment
         x = Real(totals[slot].push[0])

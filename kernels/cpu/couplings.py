@@ -21,7 +21,7 @@ class CouplingFunctions:
 
 @cache
 def coupling_functions(Real: type) -> CouplingFunctions:
-    """CPU coupling functions at type `Real`."""
+    """CPU coupling functions."""
     kinds = types(Real)
     Ensemble, State, Coupling = kinds.Ensemble, kinds.State, kinds.Coupling
     body_states = body_state_functions(Real)
@@ -51,7 +51,7 @@ def coupling_functions(Real: type) -> CouplingFunctions:
 
     @wp.func
     def update_couplings(ensemble: Ensemble, state: State, drive: Drive, time: wp.float64):
-        """Updates the states of all couplings at a step's start."""
+        """Updates states of all couplings at a step's start."""
         for c in range(drive.first_coupling, drive.first_coupling + drive.couplings):
             coupling = ensemble.couplings[c]
             first, second = coupled_bodies(state, drive, coupling)

@@ -26,7 +26,7 @@ class ForceFunctions:
 
 @cache
 def force_functions(Real: type, capacity: int, silent: bool) -> ForceFunctions:
-    """CPU force functions, for rows of `capacity` values; only where `silent` with silent chains."""
+    """CPU force functions, with silent chains only where `silent`."""
     kinds = types(Real)
     rollers = roller_functions(Real, capacity)
     near_rollers = near_roller_functions(Real, capacity)
@@ -45,7 +45,7 @@ def force_functions(Real: type, capacity: int, silent: bool) -> ForceFunctions:
         w: wp.array[Real],
         memory: kinds.Memory,
     ):
-        """Sets poses of bodies, and rollers' forces of links and joints in the CPU's rows; adds tensioners'."""
+        """Sets poses of bodies, and rollers' link and joint forces in CPU rows; adds tensioners'."""
         n = drive.rollers
         near_rollers.find_poses(state, drive)
         rubs = chain.joint.inertia > Real(0.0)
@@ -74,7 +74,7 @@ def force_functions(Real: type, capacity: int, silent: bool) -> ForceFunctions:
         w: wp.array[Real],
         memory: kinds.Memory,
     ):
-        """Adds contact forces to rollers in the CPU's rows, and sets wrenches on bodies, with those of hubs."""
+        """Adds contact forces to rollers in CPU rows; sets wrenches on bodies, with hubs'."""
         for b in range(drive.first_body, drive.first_body + drive.bodies):
             state.wrenches[b] = Wrench()
         contact_pairs.add_contact_forces(ensemble, state, drive, place, w, memory)

@@ -25,7 +25,7 @@ class FrameOutputFunctions:
 
 @cache
 def frame_output_functions(Real: type, capacity: int, frame: Any) -> FrameOutputFunctions:
-    """CPU frame output function, with the channels of `frame` (`kernels.frames`)."""
+    """CPU frame output function of the channels of `frame`."""
     kinds = types(Real)
     vec2 = kinds.vec2
     frame_writers = frame_writer_functions(Real, frame)
@@ -38,7 +38,7 @@ def frame_output_functions(Real: type, capacity: int, frame: Any) -> FrameOutput
 
     @wp.func
     def roller_extra(w: wp.array[Real], i: int):
-        """`Extra` values of roller `i` and its next link, for a CPU frame."""
+        """`Extra` of roller `i` and its next link, for a CPU frame."""
         of = kinds.Extra()
         of.tension = access.load(w, row.tension + i)
         of.rate = access.load(w, row.rate + i)

@@ -23,7 +23,7 @@ class HubFunctions:
 
 @cache
 def hub_functions(Real: type) -> HubFunctions:
-    """CPU hub functions at type `Real`."""
+    """CPU hub functions."""
     kinds = types(Real)
     Ensemble, State = kinds.Ensemble, kinds.State
     body_states = body_state_functions(Real)

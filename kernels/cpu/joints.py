@@ -35,7 +35,7 @@ class JointFunctions:
 
 @cache
 def joint_functions(Real: type, capacity: int) -> JointFunctions:
-    """CPU joint functions for rows of `capacity`."""
+    """CPU joint functions."""
     kinds = types(Real)
     Chain = kinds.Chain
     vec2 = kinds.vec2
@@ -45,7 +45,7 @@ def joint_functions(Real: type, capacity: int) -> JointFunctions:
 
     @wp.func
     def store_turn_rate(w: wp.array[Real], i: int, d: vec2, v: vec2):
-        """Stores rate of turning and n / L of link `i` in its row."""
+        """Stores rate of turning and n / L of link `i`."""
         lever, turn = link_turning(d, v)
         access.store(w, row.turn_rate + i, turn)
         access.store(w, row.couple_x + i + 1, lever[0])
@@ -53,7 +53,7 @@ def joint_functions(Real: type, capacity: int) -> JointFunctions:
 
     @wp.func
     def find_link_forces(w: wp.array[Real], n: int, chain: Chain):
-        """Stores tension, force and turning of every link with joints in CPU rows; clears contact forces."""
+        """Stores tension, force and turning of links with joints in CPU rows; clears contact forces."""
         rollers.repeat_first_roller(w, n)
         i = int(0)
         if not has_uneven_links(chain):
@@ -78,7 +78,7 @@ def joint_functions(Real: type, capacity: int) -> JointFunctions:
 
     @wp.func
     def find_joint_moment(w: wp.array[Real], i: int, mu: Real, chain: Chain, memory: kinds.Memory):
-        """Stores the friction moment of the joint after link `i`, and its bristle's, in rows."""
+        """Stores friction moment and bristle of the joint after link `i` in rows."""
         tension, turn = access.load(w, row.tension + i), access.load(w, row.turn_rate + i)
         tension_after, turn_after = access.load(w, row.tension + i + 1), access.load(w, row.turn_rate + i + 1)
         held = access.load(w, row.joint_bristle + i + 1)
@@ -90,7 +90,7 @@ def joint_functions(Real: type, capacity: int) -> JointFunctions:
 
     @wp.func
     def find_joint_moments(w: wp.array[Real], n: int, chain: Chain, memory: kinds.Memory):
-        """Stores the friction moments of all joints, and their bristles', in rows."""
+        """Stores friction moments and bristles of all joints in rows."""
         access.store(w, row.tension + n, access.load(w, row.tension))
         access.store(w, row.turn_rate + n, access.load(w, row.turn_rate))
         mu = chain.joint.mu_dynamic
@@ -109,7 +109,7 @@ def joint_functions(Real: type, capacity: int) -> JointFunctions:
 
     @wp.func
     def add_couple_forces(w: wp.array[Real], n: int):
-        """Adds the couple of its two joints' friction to every link's force."""
+        """Adds the couple of its joints' friction to every link's force."""
         i = int(0)
         while i < access.round_up(n):
             lever = vec2(access.load(w, row.couple_x + i + 1), access.load(w, row.couple_y + i + 1))
@@ -131,7 +131,7 @@ def joint_functions(Real: type, capacity: int) -> JointFunctions:
     def add_friction_powers(w: wp.array[Real], n: int, chain: Chain, lag: Real, share: Real):
         """Adds the powers of joints' friction to rollers' tallies, at a leapfrog step's mean velocities.
 
-        `lag` [s] is from velocities to forces, `share` the part of a step to count.
+        `lag` [s] is from velocities to forces, `share` the step's part.
         """
         i = int(0)
         while i < access.round_up(n):

@@ -19,7 +19,7 @@ class TriedForce:
 def law_trial_kernel(force: TriedForce, Real: Any) -> wp.Kernel:
     """CPU kernel of a contact law's function.
 
-    In: (N, 3) elastic forces, impact speeds, dampings. Out: (N, 3) dampers and the speeds that bound them.
+    In: (N, 3) elastic forces, impact speeds, dampings. Out: (N, 3) dampers and speeds that bound them.
     """
     law = force.function
 

@@ -1,6 +1,6 @@
-"""Tallies of each link and roller of one variant on the CPU, added to in each step by vectorized loops.
+"""Tallies of each link and roller of one variant on the CPU, added to every step by vectorized loops.
 
-Sums of chain and strands merge them every `MERGE_EVERY` steps, before strands change their links.
+Sums of chain and strands merge them every `MERGE_EVERY` steps, before strands' links change.
 """
 
 from dataclasses import dataclass
@@ -34,7 +34,7 @@ class LinkTallyFunctions:
 
 @cache
 def link_tally_functions(Real: type, capacity: int) -> LinkTallyFunctions:
-    """CPU link tally functions for rows of `capacity`."""
+    """CPU link tally functions."""
     kinds = types(Real)
     Chain = kinds.Chain
     vec2 = kinds.vec2
@@ -55,7 +55,7 @@ def link_tally_functions(Real: type, capacity: int) -> LinkTallyFunctions:
 
     @wp.func
     def add_rates(w: wp.array[Real], n: int, share: Real):
-        """Adds a step's squared rates of elongation, times `share` of a step, to the CPU's rows of links' tallies."""
+        """Adds squared rates of elongation, times `share` of a step, to CPU rows of links' tallies."""
         i = int(0)
         while i < access.round_up(n):
             rate = access.load(w, row.rate + i)
@@ -64,7 +64,7 @@ def link_tally_functions(Real: type, capacity: int) -> LinkTallyFunctions:
 
     @wp.func
     def widen_extremes(w: wp.array[Real], n: int):
-        """Widens extremes in the CPU's rows of links' tallies by a step's tensions."""
+        """Widens extremes in CPU rows of links' tallies by a step's tensions."""
         i = int(0)
         while i < access.round_up(n):
             tension = access.load(w, row.tension + i)
@@ -113,14 +113,14 @@ def link_tally_functions(Real: type, capacity: int) -> LinkTallyFunctions:
 
     @wp.func
     def merge_friction(w: wp.array[Real], n: int, friction: wp.float64, step: wp.float64):
-        """Work of joints' friction [J] with that in the tallies of all rollers."""
+        """Work [J] of joints' friction with that in all rollers' tallies."""
         for i in range(n):
             friction = friction + step * wp.float64(access.load(w, row.joint_friction + i))
         return friction
 
     @wp.func
     def mid_displacement(w: wp.array[Real], n: int, strand: Strand):
-        """Transverse displacement [m] of the chain in rows at mid-strand, positive to the left of travel."""
+        """Transverse displacement [m] of the chain in rows at mid-strand, left positive."""
         i = strand.middle
         j = next_index(i, n)
         return mid_strand_displacement(

@@ -1,4 +1,4 @@
-"""Wrenches and moments on single bodies on the CPU: of contacts and tensioners, loads, arms' springs, motors."""
+"""Wrenches and moments on single bodies on the CPU: contacts', tensioners', loads', arms' springs', motors'."""
 
 from dataclasses import dataclass
 from functools import cache
@@ -24,13 +24,13 @@ class LoadFunctions:
 
 @cache
 def load_functions(Real: type) -> LoadFunctions:
-    """CPU load functions at type `Real`."""
+    """CPU load functions."""
     kinds = types(Real)
     Ensemble, State = kinds.Ensemble, kinds.State
 
     @wp.func
     def body_wrench(ensemble: Ensemble, state: State, drive: Drive, b: int):
-        """Wrench of contacts and tensioners on body `b` of all, from the CPU's state."""
+        """Wrench of contacts and tensioners on body `b` of all, on the CPU."""
         wrench = state.wrenches[b]
         for t in range(drive.first_tensioner, drive.first_tensioner + drive.tensioners):
             if drive.first_body + ensemble.tensioners[t].body == b:
@@ -39,7 +39,7 @@ def load_functions(Real: type) -> LoadFunctions:
 
     @wp.func
     def body_load(ensemble: Ensemble, state: State, drive: Drive, body: BodyState, b: int, time: wp.float64):
-        """Load moment [N m] on body `b` of all on the CPU; of an arm, that of its springs and weight."""
+        """Load moment [N m] on body `b` of all on the CPU; an arm's by springs and weight."""
         load = load_moment(time, body.angle, body.speed, ensemble.motions[b], ensemble)
         arm = arm_of(drive, b)
         if arm >= 0:

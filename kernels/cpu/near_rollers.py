@@ -30,7 +30,7 @@ class NearRollerFunctions:
 
 @cache
 def near_roller_functions(Real: type, capacity: int) -> NearRollerFunctions:
-    """CPU near roller functions for rows of `capacity`."""
+    """CPU near roller functions."""
     kinds = types(Real)
     Ensemble, State, Memory = kinds.Ensemble, kinds.State, kinds.Memory
     partners = partner_functions(Real)
@@ -44,7 +44,7 @@ def near_roller_functions(Real: type, capacity: int) -> NearRollerFunctions:
 
     @wp.func
     def find_poses(state: State, drive: Drive):
-        """Sets the poses of all bodies of a drive in the CPU's state."""
+        """Sets poses of all bodies of a drive on the CPU."""
         # one right after the other: each is a long chain of operations that waits for itself only
         for b in range(drive.first_body, drive.first_body + drive.bodies):
             state.poses[b] = pose_of(state.bodies[b])
@@ -83,7 +83,7 @@ def near_roller_functions(Real: type, capacity: int) -> NearRollerFunctions:
 
     @wp.func
     def forget_seats(w: wp.array[Real], first: int, count: int, near: wp.uint64, points: int, memory: Memory):
-        """Clears seats or pieces, and contacts, of rollers not near; returns those that had one, as bits."""
+        """Clears seats or pieces, and contacts, of rollers not near; returns those with one, as bits."""
         seated = seat_access.find_unlike(memory.seat, memory.first + first, count, -1)
         left = seated & ~near
         while left != wp.uint64(0):
@@ -100,7 +100,7 @@ def near_roller_functions(Real: type, capacity: int) -> NearRollerFunctions:
     def forget_partner(
         w: wp.array[Real], first: int, count: int, near: wp.uint64, partner: partners.Partner, memory: Memory
     ):
-        """Clears contacts with a partner of rollers not near; returns those that had a seat or piece, as bits."""
+        """Clears contacts with a partner of rollers not near; returns those with a seat or piece, as bits."""
         seated = wp.uint64(0)
         if partner.teeth != 0 or partner.guide.pieces != 0:
             seated = forget_seats(w, first, count, near, partner.points, memory)
@@ -112,7 +112,7 @@ def near_roller_functions(Real: type, capacity: int) -> NearRollerFunctions:
 
     @wp.func(inline=False)
     def rebuild_neighbor_list(ensemble: kinds.Ensemble, state: State, drive: Drive, w: wp.array[Real]):
-        """Rebuilds the neighbor list of all partners, with all rollers for a guide that moves."""
+        """Rebuilds the neighbor list of all partners, all rollers for a moving guide."""
         n = drive.rollers
         memory = contact_memory(state, drive)
         skin = neighbor_list.skin_width(w)
@@ -137,7 +137,7 @@ def near_roller_functions(Real: type, capacity: int) -> NearRollerFunctions:
 
     @wp.func
     def near_group(w: wp.array[Real], first: int, end: int, n: int, partner: partners.Partner, memory: Memory):
-        """Group of rollers `first` to before `end` near a partner; clears the others' contacts."""
+        """Group of rollers `first` to before `end` near a partner; clears other contacts."""
         mark_near(w, first, end, partner)
         count = wp.min(n, end) - first
         near = access.find_unlike(w, row.near + first, count, Real(0.0))

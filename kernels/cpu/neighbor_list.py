@@ -1,7 +1,7 @@
 """Neighbor list on the CPU: runs of rollers that can come near a partner within the next steps.
 
-Rollers near a partner widened by a skin are kept as runs of up to `GROUP` rollers in a row. While no roller or body is
-faster than a limit, no other comes through more than 0.7 of the skin, so that results do not depend on runs.
+Rollers near a partner widened by a skin are kept as runs of up to `GROUP` rollers. While no roller or body is faster
+than a limit, no other comes through more than 0.7 of the skin, so that results do not depend on runs.
 """
 
 from dataclasses import dataclass
@@ -18,20 +18,20 @@ SKIN = 0.25
 
 
 GROUP = wp.constant(64)
-"""Largest number of rollers of a neighbor list's group."""
+"""Most rollers of a neighbor list's group."""
 
 
 RUN_GAP = wp.constant(16)
-"""Number of rollers between two near ones that ends a run of the neighbor list."""
+"""Rollers between two near ones that end a run of the neighbor list."""
 
 
 MOST_STEPS = 64
-"""Largest number of steps for which the neighbor list holds."""
+"""Most steps for which the neighbor list holds."""
 
 
 @wp.struct
 class Group:
-    """Rollers in a row of which some are near a partner."""
+    """Rollers in a row, some near a partner."""
 
     first: wp.int32
     near: wp.uint64  # bit k: roller `first` + k is near
@@ -52,7 +52,7 @@ def highest_bit(bits: wp.uint64) -> int:
 
 @wp.func
 def single_bit(k: int):
-    """64 bits of a neighbor group of which bit `k` alone is set."""
+    """64 bits of a neighbor group, only bit `k` set."""
     return wp.uint64(1) << wp.uint64(k)
 
 
@@ -87,7 +87,7 @@ class NeighborListFunctions:
 
 @cache
 def neighbor_list_functions(Real: type, capacity: int) -> NeighborListFunctions:
-    """CPU neighbor list functions for rows of `capacity`."""
+    """CPU neighbor list functions."""
     kinds = types(Real)
     lanes = LANES[Real]
     access = row_access(Real)
@@ -100,12 +100,12 @@ def neighbor_list_functions(Real: type, capacity: int) -> NeighborListFunctions:
 
     @wp.func
     def run_slots(n: int):
-        """Largest number of runs of one partner in the neighbor list."""
+        """Most runs of one partner in the neighbor list."""
         return group_count(n) + 2
 
     @wp.func
     def is_crowded(drive: Drive):
-        """Whether rows have no room for a neighbor list; runs are then the whole groups."""
+        """Whether rows lack room for a neighbor list; runs are then whole groups."""
         return (drive.sprockets + drive.guides) * run_slots(drive.rollers) > wp.static(capacity)
 
     @wp.func
@@ -153,7 +153,7 @@ def neighbor_list_functions(Real: type, capacity: int) -> NeighborListFunctions:
 
     @wp.func
     def invalidate_if_fast(w: wp.array[Real], velocity: wp.vec2d):
-        """Ends the neighbor list's lifetime if a moved body's center is too fast."""
+        """Ends the neighbor list's lifetime if a moved body is too fast."""
         limit = wp.float64(access.load(w, row.lifetime + 1))
         if not (wp.dot(velocity, velocity) <= limit * limit):
             access.store(w, row.lifetime, Real(0.0))
@@ -165,7 +165,7 @@ def neighbor_list_functions(Real: type, capacity: int) -> NeighborListFunctions:
 
     @wp.func
     def set_lifetime(w: wp.array[Real], drive: Drive):
-        """Sets the steps for which a new neighbor list holds, up to 5/4 of the fastest speed now."""
+        """Sets the steps for which a new neighbor list holds, up to 5/4 of the fastest speed."""
         square = Real(0.0)
         for i in range(drive.rollers):
             vx = access.load(w, row.vx + i)

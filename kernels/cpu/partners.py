@@ -1,4 +1,4 @@
-"""Partners of one variant's contacts on the CPU: the sprockets and guides that its rollers touch."""
+"""Partners of one variant's contacts on the CPU: sprockets and guides that its rollers touch."""
 
 from dataclasses import dataclass
 from functools import cache
@@ -26,13 +26,13 @@ class PartnerFunctions:
 
 @cache
 def partner_functions(Real: type) -> PartnerFunctions:
-    """CPU contact partner functions at type `Real`."""
+    """CPU contact partner functions."""
     kinds = types(Real)
     Ensemble, State = kinds.Ensemble, kinds.State
 
     @wp.struct
     class Partner:
-        """A sprocket, or a guide where `teeth` is 0, and the pose of its body."""
+        """A sprocket, or a guide where `teeth` is 0, and its body's pose."""
 
         teeth: wp.int32
         points: wp.int32  # contacts of a pin with it (`structs.Drive`)

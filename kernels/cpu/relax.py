@@ -57,7 +57,7 @@ def relax_kernel(Real: type, capacity: int, silent: bool = False) -> wp.Kernel:
 
     @wp.func
     def largest_arm_acceleration(ensemble: Ensemble, state: State, drive: Drive, chain: Chain):
-        """Largest net moment on an arm in settling, as acceleration [m/s^2] of a roller at its reach."""
+        """Largest net moment on a settling arm, as acceleration [m/s^2] of a roller at its reach."""
         worst = wp.float64(0.0)
         for a in range(drive.arms):
             b = drive.first_body + drive.bodies - drive.arms + a
@@ -96,7 +96,7 @@ def relax_kernel(Real: type, capacity: int, silent: bool = False) -> wp.Kernel:
     def settle_variant(
         ensemble: Ensemble, state: State, settling: wp.array[Settling], variant: int, w: wp.array[Real], steps: int
     ):
-        """Settles one variant on the CPU by up to `steps` steps of relaxation."""
+        """Settles one variant on the CPU by up to `steps` steps."""
         drive = ensemble.drives[variant]
         chain = ensemble.chains[variant]
         chain.joint.inertia = Real(0.0)  # no friction while settling
@@ -135,7 +135,7 @@ def relax_kernel(Real: type, capacity: int, silent: bool = False) -> wp.Kernel:
     def relax(
         ensemble: Ensemble, state: State, settling: wp.array[Settling], w: wp.array[Real], first: int, steps: int
     ):
-        """Settles variants `first` + thread on the CPU by up to `steps` steps of relaxation."""
+        """Settles variants `first` + thread on the CPU by up to `steps` steps."""
         settle_variant(ensemble, state, settling, first + wp.tid(), w, steps)
 
     return relax

@@ -1,4 +1,4 @@
-"""Tensioner's test rig on the CPU: one a thread, its plunger moved on a sine as by a shaker.
+"""Tensioner's test rig on the CPU: one a thread, its plunger moved on a sine.
 
 x = x_0 + amplitude sin(2 pi f t), from rest at x_0. The shaker's work is W = -int F dx.
 """
@@ -37,7 +37,7 @@ class Ride:
 
 @wp.struct
 class RideSums:
-    """Sums of a plunger's ride on the rig over its last cycle."""
+    """Sums of a plunger's last cycle on the rig."""
 
     force_min: wp.float64  # [N]
     force_max: wp.float64
@@ -55,7 +55,7 @@ class RideSums:
 
 @wp.func
 def plunger_position(step: int, ride: Ride):
-    """Extension x [m] of a plunger on the rig and its rate x' [m/s] at a step."""
+    """Extension x [m] and rate x' [m/s] of a plunger on the rig at a step."""
     turn = wp.float64(wp.static(2.0 * math.pi)) / wp.float64(ride.cycle)
     angle = turn * wp.float64(step % ride.cycle)
     return ride.center + ride.amplitude * wp.sin(angle), ride.amplitude * turn / ride.step * wp.cos(angle)
@@ -69,7 +69,7 @@ def shake_plungers(
     samples: wp.array3d[wp.float64],
     sums: wp.array[RideSums],
 ):
-    """Shakes tensioners from number `first` on, and writes samples (rides, samples, columns) and sums."""
+    """Shakes tensioners from number `first` on; writes samples (rides, samples, columns) and sums."""
     r = first + wp.tid()
     ride = rides[r]
     tensioner = tensioners[r]

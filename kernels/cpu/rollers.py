@@ -1,7 +1,7 @@
-"""The rollers of one variant on the CPU: their rows in a scratch, link forces, kick and drift.
+"""The rollers of one variant on the CPU: rows in a scratch, link forces, kick and drift.
 
-Rows have a constant length (`rows`). Loops through `native.row_access` (`while`, not `range`) without branches
-vectorize (docs/performance.md).
+Rows have a constant length (`rows`). Branchless loops through `native.row_access` (`while`, not `range`) vectorize
+(docs/performance.md).
 """
 
 from dataclasses import dataclass, fields
@@ -122,7 +122,6 @@ class Rows:
 
 
 ROWS = tuple(field.name for field in fields(Rows))
-"""Names of a CPU scratch's rows."""
 
 
 @cache
@@ -156,7 +155,7 @@ class RollerFunctions:
 
 @cache
 def roller_functions(Real: type, capacity: int) -> RollerFunctions:
-    """CPU roller functions for rows of `capacity`."""
+    """CPU roller functions."""
     kinds = types(Real)
     Chain = kinds.Chain
     vec2 = kinds.vec2
@@ -166,7 +165,7 @@ def roller_functions(Real: type, capacity: int) -> RollerFunctions:
 
     @wp.func
     def fetch(state: kinds.State, lengths: wp.array[Real], w: wp.array[Real], first: int, n: int):
-        """Copies a chain's `n` rollers, from `first` on, and link lengths from the state into the CPU's scratch."""
+        """Copies a chain's `n` rollers from `first` on, and link lengths, into the CPU's scratch."""
         for k in range(STATE_ROWS):
             for i in range(n):
                 w[k * wp.static(capacity) + i] = state.rollers[STATE_ROWS * first + k * n + i]
@@ -192,7 +191,7 @@ def roller_functions(Real: type, capacity: int) -> RollerFunctions:
 
     @wp.func
     def clear_rows(w: wp.array[Real], first: int, second: int, n: int):
-        """Sets two rows of rollers, from `first` and `second` on, to zero."""
+        """Zeroes two rows of rollers, from `first` and `second` on."""
         i = int(0)
         while i < n:
             access.store(w, first + i, Real(0.0))
@@ -212,7 +211,7 @@ def roller_functions(Real: type, capacity: int) -> RollerFunctions:
 
     @wp.func
     def link_vector(w: wp.array[Real], i: int):
-        """Vector [m] from roller `i` to roller i + 1 in rows, exact at float32 too."""
+        """Vector [m] from roller `i` to i + 1 in rows, exact at float32 too."""
         d = vec2(
             access.load(w, row.x + i + 1) - access.load(w, row.x + i),
             access.load(w, row.y + i + 1) - access.load(w, row.y + i),
@@ -244,7 +243,7 @@ def roller_functions(Real: type, capacity: int) -> RollerFunctions:
 
     @wp.func
     def move(w: wp.array[Real], i: int, dx: Real, dy: Real):
-        """Moves roller `i` in CPU rows by (dx, dy) [m], with float32's rounding in the low parts."""
+        """Moves roller `i` in CPU rows by (dx, dy) [m], float32's rounding in the low parts."""
         if wp.static(compensated):
             x, x_low = compensated_sum(access.load(w, row.x + i), access.load(w, row.x_low + i), dx)
             y, y_low = compensated_sum(access.load(w, row.y + i), access.load(w, row.y_low + i), dy)
@@ -258,7 +257,7 @@ def roller_functions(Real: type, capacity: int) -> RollerFunctions:
 
     @wp.func
     def repeat_first_roller(w: wp.array[Real], n: int):
-        """Copies roller 0 to roller n in rows, which closes the chain."""
+        """Copies roller 0 to roller n in rows, closing the chain."""
         access.store(w, row.x + n, access.load(w, row.x))
         access.store(w, row.y + n, access.load(w, row.y))
         access.store(w, row.vx + n, access.load(w, row.vx))
@@ -290,13 +289,13 @@ def roller_functions(Real: type, capacity: int) -> RollerFunctions:
 
     @wp.func
     def acceleration(w: wp.array[Real], i: int, inverse_mass: Real, gravity: vec2):
-        """Acceleration [m/s^2] of roller `i` by the forces in CPU rows and gravity, as a vector."""
+        """Acceleration [m/s^2] of roller `i` by forces in CPU rows and gravity, as a vector."""
         ax, ay = acceleration_components(w, i, inverse_mass, gravity)
         return vec2(ax, ay)
 
     @wp.func
     def kick_and_drift(w: wp.array[Real], n: int, chain: Chain, kick: Real, h: Real):
-        """Moves all rollers in CPU rows: v += kick a, then x += h v; ages the neighbor list, or ends it."""
+        """Moves all rollers in CPU rows: v += kick a, then x += h v; ages or ends the neighbor list."""
         inverse_mass = chain.inverse_mass
         limit = access.load(w, row.lifetime + 1) * access.load(w, row.lifetime + 1)
         fast = int(0)

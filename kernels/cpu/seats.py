@@ -1,4 +1,4 @@
-"""Seats of rollers in one sprocket on the CPU, and gap coordinates of the rollers."""
+"""Seats of rollers in one sprocket on the CPU, and rollers' gap coordinates."""
 
 from dataclasses import dataclass
 from functools import cache
@@ -25,7 +25,7 @@ class SeatFunctions:
 
 @cache
 def seat_functions(Real: type, capacity: int) -> SeatFunctions:
-    """CPU seat functions for rows of `capacity`."""
+    """CPU seat functions."""
     Memory, Sprocket = types(Real).Memory, types(Real).Sprocket
     compensated = Real == wp.float32
     rollers = roller_functions(Real, capacity)
@@ -79,7 +79,7 @@ def seat_functions(Real: type, capacity: int) -> SeatFunctions:
 
     @wp.func
     def store_compensated(w: wp.array[Real], high: int, low: int, value: wp.float64):
-        """Stores a float64 in a row for seats, and at float32 its rounding in row `low`."""
+        """Stores a float64 in a row for seats; at float32 its rounding in row `low`."""
         rounded = Real(value)
         access.store(w, high, rounded)
         if wp.static(compensated):
@@ -103,7 +103,7 @@ def seat_functions(Real: type, capacity: int) -> SeatFunctions:
         seats: wp.array[wp.vec2d],
         memory: Memory,
     ):
-        """Stores the seats' directions at angle zero of rollers, bits `which` from `first` on."""
+        """Stores seats' directions at angle zero of rollers, bits `which` from `first` on."""
         bits = which
         while bits != wp.uint64(0):
             i = first + lowest_bit(bits)
@@ -118,7 +118,7 @@ def seat_functions(Real: type, capacity: int) -> SeatFunctions:
     def find_gap_coordinates(
         w: wp.array[Real], first: int, end: int, n: int, sprocket: Sprocket, body: Pose, number: int
     ):
-        """Stores gap coordinates of rollers by the seats that they kept on sprocket `number`.
+        """Stores gap coordinates of rollers by their kept seats on sprocket `number`.
 
         Returns those nearer to another seat, as bits, and 1 if others are near than have a seat.
         """
@@ -159,7 +159,7 @@ def seat_functions(Real: type, capacity: int) -> SeatFunctions:
         seats: wp.array[wp.vec2d],
         memory: Memory,
     ):
-        """Changes seats of rollers, bits `moved`, that are nearer to another one."""
+        """Changes seats of rollers, bits `moved`, nearer to another one."""
         bits = moved
         while bits != wp.uint64(0):
             i = group.first + lowest_bit(bits)
@@ -181,7 +181,7 @@ def seat_functions(Real: type, capacity: int) -> SeatFunctions:
         seats: wp.array[wp.vec2d],
         memory: Memory,
     ):
-        """Stores seats and gap coordinates of a group's near rollers in one sprocket."""
+        """Stores seats and gap coordinates of a group in one sprocket."""
         find_seats(w, group, sprocket, body, memory)
         other = access.find_unlike(w, row.direction_owner + group.first, group.high - group.first, Real(number))
         find_directions(w, group.first, group.near & (other | group.fresh), number, sprocket, seats, memory)

@@ -1,6 +1,6 @@
 """Shafts that several chains of a drive share, on the CPU.
 
-Each chain has bodies of its own; accelerations of the bodies of one shaft are added in order, and all take the sum.
+Each chain has its own bodies; accelerations of the bodies of one shaft are added in order, and all take the sum.
 """
 
 from dataclasses import dataclass
@@ -22,7 +22,7 @@ class SharedShaftFunctions:
 
 @cache
 def shared_shaft_functions(Real: type) -> SharedShaftFunctions:
-    """CPU shared shaft functions at type `Real`."""
+    """CPU shared shaft functions."""
     kinds = types(Real)
     Ensemble, State = kinds.Ensemble, kinds.State
     train_moments = train_moment_functions(Real)
@@ -39,7 +39,7 @@ def shared_shaft_functions(Real: type) -> SharedShaftFunctions:
     ):
         """Adds the acceleration by the moment on body `b`, of another chain, to the bodies of its train.
 
-        `begin` and `count` are the variant's bodies, `kick` is `train_moments.leapfrog_interval` [s].
+        `begin` and `count` are the variant's bodies, `kick` `train_moments.leapfrog_interval` [s].
         """
         first = b + ensemble.motions[b].shaft_offset
         mine, wrench, more = ensemble.motions[first], state.wrenches[b], state.rates[b][2]
@@ -58,7 +58,7 @@ def shared_shaft_functions(Real: type) -> SharedShaftFunctions:
 
     @wp.func
     def join_shafts(ensemble: Ensemble, state: State, begin: int, count: int, kick: wp.float64, lifting: bool):
-        """Gives bodies of each shared shaft, of `count` from `begin` on, the sum of their angular accelerations."""
+        """Gives bodies of each shared shaft, `count` from `begin` on, the sum of their angular accelerations."""
         for b in range(begin, begin + count):
             if ensemble.motions[b].shaft_offset != 0:
                 add_train_acceleration(ensemble, state, begin, count, b, kick, lifting)
@@ -70,7 +70,7 @@ def shared_shaft_functions(Real: type) -> SharedShaftFunctions:
 
     @wp.func
     def join_shafts_of_variant(ensemble: Ensemble, state: State, variant: int, chains: int, time: wp.float64):
-        """Gives all bodies of each shared shaft of a variant the sum of their angular accelerations, at `time` [s]."""
+        """Gives bodies of a variant's shared shafts the sum of their angular accelerations, at `time` [s]."""
         drive, last = ensemble.drives[variant], ensemble.drives[variant + chains - 1]
         lifting = last.first_valve + last.valves > drive.first_valve
         join_shafts(

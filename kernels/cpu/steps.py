@@ -1,4 +1,4 @@
-"""Steps of one variant on the CPU by each integrator, over its rollers and its bodies."""
+"""Steps of one variant on the CPU by each integrator, rollers and bodies."""
 
 from dataclasses import dataclass
 from functools import cache
@@ -23,7 +23,7 @@ class StepFunctions:
 
 @cache
 def step_functions(Real: type, capacity: int) -> StepFunctions:
-    """CPU step functions for rows of `capacity`."""
+    """CPU step functions."""
     kinds = types(Real)
     Ensemble, State, Chain = kinds.Ensemble, kinds.State, kinds.Chain
     rollers = roller_functions(Real, capacity)
@@ -42,7 +42,7 @@ def step_functions(Real: type, capacity: int) -> StepFunctions:
         time: wp.float64,
         kick: wp.float64,
     ):
-        """Moves a variant on the CPU by a leapfrog step from evaluated forces; `kick` is h, or h / 2 at first."""
+        """Moves a variant on the CPU by a leapfrog step from evaluated forces; `kick` is h, at first h / 2."""
         bodies.take_leapfrog_step(ensemble, state, drive, time, kick)
         rollers.kick_and_drift(w, drive.rollers, chain, Real(kick), Real(drive.step))
         for b in range(drive.first_body, drive.first_body + drive.bodies):
@@ -51,7 +51,7 @@ def step_functions(Real: type, capacity: int) -> StepFunctions:
 
     @wp.func
     def stage_rollers(w: wp.array[Real], n: int, chain: Chain, at: Stage):
-        """Adds a stage's slopes to the sums in CPU rows, and moves rollers along them, at last along the sums."""
+        """Adds a stage's slopes to sums in CPU rows, and moves rollers along them, at last along the sums."""
         weight = Real(at.weight)
         reach = Real(at.reach)
         inverse_mass = chain.inverse_mass

@@ -1,4 +1,4 @@
-"""Goods on a strand of one variant's chain on the CPU: masses of rollers, and forces of taking goods on."""
+"""Goods on a strand of a variant's chain on the CPU: rollers' masses, and forces of taking goods on."""
 
 from dataclasses import dataclass
 from functools import cache
@@ -21,7 +21,7 @@ class StrandLoadFunctions:
 
 @cache
 def strand_load_functions(Real: type, capacity: int) -> StrandLoadFunctions:
-    """CPU strand load functions for rows of `capacity`."""
+    """CPU strand load functions."""
     kinds = types(Real)
     Chain, vec2 = kinds.Chain, kinds.vec2
     rollers = roller_functions(Real, capacity)
@@ -30,7 +30,7 @@ def strand_load_functions(Real: type, capacity: int) -> StrandLoadFunctions:
 
     @wp.func
     def carry_goods(state: kinds.State, w: wp.array[Real], first: int, n: int, step: Real, chain: Chain):
-        """Sets rows of masses of rollers with goods on a strand, and adds the forces of taking goods on."""
+        """Sets masses of rollers with goods on a strand, and adds forces of taking goods on."""
         for i in range(n):
             position = vec2(access.load(w, row.x + i), access.load(w, row.y + i))
             velocity = vec2(access.load(w, row.vx + i), access.load(w, row.vy + i))
@@ -43,7 +43,7 @@ def strand_load_functions(Real: type, capacity: int) -> StrandLoadFunctions:
 
     @wp.func
     def power_of_goods(w: wp.array[Real], n: int, chain: Chain, step: Real, back: Real):
-        """Power [W] that goods bring to the rollers, `back` [s] after the velocities' instant."""
+        """Power [W] that goods bring to rollers, `back` [s] after the velocities' instant."""
         total = wp.float64(0.0)
         for i in range(n):
             a = rollers.acceleration(w, i, chain.inverse_mass, chain.gravity)

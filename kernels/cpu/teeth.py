@@ -24,7 +24,7 @@ class ToothFunctions:
 
 @cache
 def tooth_functions(Real: type, capacity: int) -> ToothFunctions:
-    """CPU tooth contact functions for rows of `capacity`."""
+    """CPU tooth contact functions."""
     Sprocket = types(Real).Sprocket
     row = rows(capacity)
     rollers = roller_functions(Real, capacity)
@@ -33,7 +33,7 @@ def tooth_functions(Real: type, capacity: int) -> ToothFunctions:
 
     @wp.func
     def store_gap_contacts(w: wp.array[Real], first: int, end: int, sprocket: Sprocket, body: Pose, number: int):
-        """Stores contacts in tooth gaps without tips in rows; returns 1 if any is at a tip."""
+        """Stores contacts in tooth gaps without tips; returns 1 if any is at a tip."""
         center_x = Real(body.center[0])
         center_y = Real(body.center[1])
         center_vx = Real(body.velocity[0])
@@ -64,7 +64,7 @@ def tooth_functions(Real: type, capacity: int) -> ToothFunctions:
 
     @wp.func
     def store_flank_contacts(w: wp.array[Real], first: int, end: int, sprocket: Sprocket, body: Pose, number: int):
-        """Stores contacts in tooth gaps, without tips, of either flank in rows; returns 1 if any is at a tip."""
+        """Stores contacts in tooth gaps, without tips, of either flank; returns 1 if any is at a tip."""
         if sprocket.flank_curvature > Real(0.0):
             tipped = store_gap_contacts(w, first, end, sprocket, body, number)
             return tipped
@@ -74,7 +74,7 @@ def tooth_functions(Real: type, capacity: int) -> ToothFunctions:
 
     @wp.func
     def mend_tip_contacts(w: wp.array[Real], first: int, end: int, sprocket: Sprocket):
-        """Stores penetrations and normals of the few rollers at tooth tips."""
+        """Stores penetrations and normals of rollers at tooth tips."""
         i = first
         while i < end:
             xi = access.load(w, row.radial + i)
@@ -91,14 +91,14 @@ def tooth_functions(Real: type, capacity: int) -> ToothFunctions:
 
     @wp.func
     def find_contacts(w: wp.array[Real], first: int, end: int, sprocket: Sprocket, body: Pose, number: int):
-        """Stores the contacts with teeth of rollers that have seats in rows."""
+        """Stores contacts with teeth of rollers that have seats."""
         tipped = store_flank_contacts(w, first, end, sprocket, body, number)
         if tipped != 0:
             mend_tip_contacts(w, first, end, sprocket)
 
     @wp.func
     def count_first_contacts(w: wp.array[Real], group: Group):
-        """Number of a group's rollers that touch teeth for the first time in their pass."""
+        """Number of a group's rollers that first touch teeth in their pass."""
         count = int(0)
         i = group.low
         while i < group.high:

@@ -1,4 +1,4 @@
-"""Tensioners of one variant through a step on the CPU: their supplies and their oil."""
+"""Tensioners of one variant through a step on the CPU: supplies and oil."""
 
 from dataclasses import dataclass
 from functools import cache
@@ -21,13 +21,13 @@ class TensionerFunctions:
 
 @cache
 def tensioner_functions(Real: type) -> TensionerFunctions:
-    """CPU tensioner functions at type `Real`."""
+    """CPU tensioner functions."""
     kinds = types(Real)
     Ensemble, State = kinds.Ensemble, kinds.State
 
     @wp.func
     def find_supplies(ensemble: Ensemble, state: State, drive: Drive, time: wp.float64):
-        """Sets tabulated supply pressures of all tensioners at a step's start, on the CPU."""
+        """Sets tabulated supply pressures of tensioners at a step's start, on the CPU."""
         for t in range(drive.first_tensioner, drive.first_tensioner + drive.tensioners):
             tensioner = ensemble.tensioners[t]
             if tensioner.supply_table.cells > 0:
@@ -37,7 +37,7 @@ def tensioner_functions(Real: type) -> TensionerFunctions:
 
     @wp.func
     def advance_tensioners(ensemble: Ensemble, state: State, drive: Drive):
-        """Advances all tensioners on the CPU by a step after bodies, and adds flows to their meters."""
+        """Advances tensioners on the CPU by a step after bodies, and adds flows to meters."""
         for t in range(drive.first_tensioner, drive.first_tensioner + drive.tensioners):
             tensioner = ensemble.tensioners[t]
             x, rate = extension_and_rate(pose_of(state.bodies[drive.first_body + tensioner.body]), tensioner)

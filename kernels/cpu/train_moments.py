@@ -21,13 +21,13 @@ class TrainMomentFunctions:
 
 @cache
 def train_moment_functions(Real: type) -> TrainMomentFunctions:
-    """CPU train moment functions at type `Real`."""
+    """CPU train moment functions."""
     kinds = types(Real)
     Ensemble, State = kinds.Ensemble, kinds.State
 
     @wp.func
     def train_cam(ensemble: Ensemble, state: State, begin: int, count: int, b: int):
-        """Inertia and moment, on body `b`, of the valves on its train among `count` bodies from `begin`."""
+        """Inertia and moment, on body `b`, of its train's valves among `count` bodies from `begin`."""
         cam, mine = Cam(), ensemble.motions[b]
         for other in range(begin, begin + count):
             motion = ensemble.motions[other]
@@ -52,7 +52,7 @@ def train_moment_functions(Real: type) -> TrainMomentFunctions:
 
     @wp.func
     def train_moment(ensemble: Ensemble, state: State, drive: Drive, b: int):
-        """Moment [N m] that turns body `b` of all, on the CPU, as if it turned alone (`physics.train`, (a))."""
+        """Moment [N m] that turns body `b` of all, on the CPU, as if alone (`physics.train`, (a))."""
         total = wp.float64(0.0)
         mine = ensemble.motions[b]
         for other in range(drive.first_body, drive.first_body + drive.sprockets + drive.shafts):

@@ -24,7 +24,7 @@ class TrainSumFunctions:
 
 @cache
 def train_sum_functions(Real: type) -> TrainSumFunctions:
-    """CPU train sum functions at type `Real`."""
+    """CPU train sum functions."""
     kinds = types(Real)
     Ensemble, State = kinds.Ensemble, kinds.State
     body_states = body_state_functions(Real)
@@ -84,7 +84,7 @@ def train_sum_functions(Real: type) -> TrainSumFunctions:
 
     @wp.func
     def add_train_step(ensemble: Ensemble, state: State, sums: Sums, drive: Drive, now: Now):
-        """Adds a step of all shafts, couplings, gears and valves to the window's sums, on the CPU."""
+        """Adds a step of shafts, couplings, gears and valves to the window's sums, on the CPU."""
         for h in range(drive.shafts):
             add_shaft_step(ensemble, state, sums, drive, h, now)
         for c in range(drive.first_coupling, drive.first_coupling + drive.couplings):

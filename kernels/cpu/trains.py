@@ -1,4 +1,4 @@
-"""Trains on the CPU: moments on bodies of shafts, couplings, motors and valves before any of them moves."""
+"""Trains on the CPU: moments on bodies of shafts, couplings, motors and valves before they move."""
 
 from dataclasses import dataclass
 from functools import cache
@@ -20,7 +20,7 @@ class TrainFunctions:
 
 @cache
 def train_functions(Real: type) -> TrainFunctions:
-    """CPU train functions at type `Real`."""
+    """CPU train functions."""
     kinds = types(Real)
     Ensemble, State = kinds.Ensemble, kinds.State
     couplings, loads, valves = coupling_functions(Real), load_functions(Real), valve_functions(Real)

@@ -1,4 +1,4 @@
-"""Valves of one variant on the CPU: their effect on the bodies that cams are on."""
+"""Valves of one variant on the CPU: effect on bodies that have cams."""
 
 from dataclasses import dataclass
 from functools import cache
@@ -20,7 +20,7 @@ class ValveFunctions:
 
 @cache
 def valve_functions(Real: type) -> ValveFunctions:
-    """CPU valve functions at type `Real`."""
+    """CPU valve functions."""
     kinds = types(Real)
     Ensemble, State = kinds.Ensemble, kinds.State
     body_states = body_state_functions(Real)
@@ -39,7 +39,7 @@ def valve_functions(Real: type) -> ValveFunctions:
 
     @wp.func
     def valve_load_now(ensemble: Ensemble, state: State, drive: Drive, v: int, time: wp.float64, lag: wp.float64):
-        """Torque [N m] of valve group `v` of all against rotation, and least force [N] on a follower, on the CPU."""
+        """Torque [N m] of valve group `v` of all against rotation, and least follower force [N], on the CPU."""
         valve = ensemble.valves[v]
         b = drive.first_body + valve.body
         body, angular = (

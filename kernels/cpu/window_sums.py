@@ -1,4 +1,4 @@
-"""Sums over the window of one variant on the CPU, from an evaluated step, and its energy balance."""
+"""Sums over the window of one variant on the CPU, by evaluated steps, and its energy balance."""
 
 from dataclasses import dataclass
 from functools import cache
@@ -29,7 +29,7 @@ class WindowSumFunctions:
 
 @cache
 def window_sum_functions(Real: type, capacity: int) -> WindowSumFunctions:
-    """CPU window sum function for rows of `capacity`."""
+    """CPU window sum function."""
     kinds = types(Real)
     Ensemble, State, Chain = kinds.Ensemble, kinds.State, kinds.Chain
     chain_sums = chain_sum_functions(Real, capacity)
@@ -43,7 +43,7 @@ def window_sum_functions(Real: type, capacity: int) -> WindowSumFunctions:
 
     @wp.func(inline=False)  # out of the time loop's one piece, as few steps call it: that compiles faster
     def mechanical_energy(ensemble: Ensemble, state: State, drive: Drive, chain: Chain, w: wp.array[Real], now: Now):
-        """Energy [J] of chain, contacts, bodies, tensioners and couplings at an evaluated step."""
+        """Energy [J] of chain, contacts, bodies, tensioners and couplings at a step."""
         total = link_tallies.rollers_energy(w, drive.rollers, chain, Real(now.lag))
         for p in range(drive.sprockets + drive.guides):
             total += state.totals[drive.first_sprocket + drive.first_guide + p].energy
@@ -59,7 +59,7 @@ def window_sum_functions(Real: type, capacity: int) -> WindowSumFunctions:
 
     @wp.func
     def add_tensioner_step(ensemble: Ensemble, state: State, sums: Sums, drive: Drive, t: int, now: Now):
-        """Adds a step of tensioner `t` to the window's sums, and flows at its ends, on the CPU."""
+        """Adds a step of tensioner `t` to the window's sums, flows at its ends, on the CPU."""
         tensioner = ensemble.tensioners[t]
         push = state.pushes[t]
         body = body_states.body_now(ensemble, state, drive.first_body + tensioner.body, now.time, now.lag)

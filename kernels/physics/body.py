@@ -32,7 +32,7 @@ BLOCKS = types(wp.float32, blocks=True)
 
 @wp.func
 def heading_of(body: BodyState):
-    """Unit vector (cos theta, sin theta) of a body's angle, in float64."""
+    """Unit vector (cos theta, sin theta) of a body's angle, float64."""
     sine, cosine = sine_cosine(body.angle)
     return wp.vec2d(cosine, sine)
 
@@ -53,7 +53,7 @@ def pose_with_heading(pose: Pose, cosine: wp.float64, sine: wp.float64):
 
 @wp.func
 def pose_with_heading(pose: BLOCKS.Pose, cosine: Pair, sine: Pair):
-    """A body's pose in pairs with its heading, and R cos theta, R sin theta (`tooth`), along (cosine, sine)."""
+    """A body's pose in pairs with heading and R cos theta, R sin theta (`tooth`) along (cosine, sine)."""
     pose.cosine = cosine
     pose.sine = sine
     pose.reach_cosine = grid_product(cosine, pose.radius, pose.grid)
@@ -63,7 +63,7 @@ def pose_with_heading(pose: BLOCKS.Pose, cosine: Pair, sine: Pair):
 
 @wp.func
 def turned_pose(pose: Pose, turn: wp.float64):
-    """A body's float64 pose turned by a small angle [rad], its heading within 1e-14 up to 0.01 rad."""
+    """A body's float64 pose turned by a small angle [rad]; heading within 1e-14 up to 0.01 rad."""
     square = turn * turn
     one = wp.float64(1.0)
     fourth = multiply_add(-square, wp.static(wp.float64(1.0 / 24.0)), wp.float64(0.5))
@@ -90,7 +90,7 @@ def turned_pose(pose: BLOCKS.Pose, turn: wp.float32):
 
 @wp.func
 def aligned_pose(pose: Any):
-    """A body's pose with its heading along its angle, its numbers trimmed to float64."""
+    """A body's pose with heading along its angle, numbers trimmed to float64."""
     pose.angle = trimmed_value(pose.angle)
     pose.speed = trimmed_value(pose.speed)
     pose.center = trimmed_value(pose.center)
@@ -101,7 +101,7 @@ def aligned_pose(pose: Any):
 
 @wp.func
 def pose_with_coordinates(pose: Any, body: Any):
-    """A body's pose with the coordinates and rates of state `body`."""
+    """A body's pose with coordinates and rates of state `body`."""
     pose.angle = body.angle
     pose.speed = body.speed
     pose.center = body.center
@@ -131,7 +131,7 @@ def plain_body(body: Pose):
 
 @wp.func
 def plain_body(body: Any):
-    """A body's state or pose in pairs as plain float32, with `rest` of its speed."""
+    """A body's state or pose in pairs as float32, with `rest` of its speed."""
     plain = BLOCKS.Instant()
     plain.angle = rounded_value(body.angle)
     plain.speed = leading_value(body.speed)
@@ -143,14 +143,14 @@ def plain_body(body: Any):
 
 @wp.func
 def add_speed(body: BodyState, change: wp.float64):
-    """A body's float64 state with its angular velocity raised by `change` [rad/s]."""
+    """A body's float64 state, angular velocity raised by `change` [rad/s]."""
     body.speed = body.speed + change
     return body
 
 
 @wp.func
 def add_speed(body: BLOCKS.Instant, change: wp.float32):
-    """A body's float32 state with its angular velocity raised by `change` [rad/s]."""
+    """A body's float32 state, angular velocity raised by `change` [rad/s]."""
     speed = body.speed + change
     body.rest = ((body.speed - speed) + change) + body.rest
     body.speed = speed
@@ -165,7 +165,7 @@ def speed_as_float64(body: BodyState):
 
 @wp.func
 def speed_as_float64(body: BLOCKS.Instant):
-    """Angular velocity [rad/s] of a body's float32 state and its `rest`, as float64."""
+    """Angular velocity [rad/s] of a body's float32 state and `rest`, as float64."""
     return wp.float64(body.speed) + wp.float64(body.rest)
 
 
@@ -175,8 +175,8 @@ def body_accelerations(
 ):
     """Accelerations of a body's center (x, y) [m/s^2] and angle [rad/s^2], eq. (4).
 
-    `time` [s] is the instant of `body.speed`, `off` the center from its home [m], `heading` (cos theta, sin theta);
-    `wrench` holds all forces, and the load of a free angle.
+    `time` [s] is that of `body.speed`, `off` the center from its home [m], `heading` (cos theta, sin theta); `wrench`
+    holds all forces and a free angle's load.
     """
     zero = type(wrench.load)(0.0)
     rates = wp.vector(zero, zero, zero)
@@ -199,7 +199,7 @@ def body_accelerations(
 def leapfrog_body(kick: Any, h: Any, body: Any, rates: Any, ahead: Any, motion: Any, mount: Any):
     """A body's state one leapfrog step `h` [s] later, a prescribed center aside.
 
-    `kick` is the speed's step [s], `ahead` a prescribed angle at the end.
+    `kick` is the speed's step [s], `ahead` a prescribed final angle.
     """
     led = motion.prescribed == 1
     speed = wp.where(led, (ahead - body.angle) * reciprocal(h), body.speed + kick * rates[2])
@@ -223,7 +223,7 @@ def move_prescribed_center(after: Any, h: Any, body: Any, mount: Any, ensemble: 
 
 @wp.func
 def body_with_accelerations(before: Any, after: Any, rates: Any, kick: Any, motion: Any, mount: Any):
-    """A body's state after a leapfrog step with that step's accelerations."""
+    """A body's state after a leapfrog step with its accelerations."""
     after.angular = rates[2]
     if motion.prescribed == 1:
         after.angular = rounded_value(difference(after.speed, before.speed)) * reciprocal(kick)
@@ -235,7 +235,7 @@ def body_with_accelerations(before: Any, after: Any, rates: Any, kick: Any, moti
 
 @wp.func
 def stage_body(at: Any, body: Any, base: Any, slopes: Any, rates: Any, motion: Any, mount: Any, ensemble: Any):
-    """A body's states at the next Runge-Kutta stage and the step's start, and weighted slopes."""
+    """A body's states at the next Runge-Kutta stage and step's start, and weighted slopes."""
     straight = wp.vector(rates[0], rates[1])
     turning = body.speed
     moving = body.velocity
@@ -285,7 +285,7 @@ def body_at_time(time: Any, lag: Any, body: Any, rates: Any, driven: Any, motion
 
 @wp.func
 def wrench_with_force(wrench: Any, force: Any, moment: Any):
-    """Wrench on a body with one more force [N] and its moment [N m]."""
+    """Wrench on a body with one more force [N] and moment [N m]."""
     wrench.force = wrench.force + force
     wrench.moment = wrench.moment + moment
     return wrench
@@ -305,7 +305,7 @@ def body_energy(off: Any, body: Any, heading: Any, motion: Any, mount: Any):
 
 @wp.func
 def holding_force_and_power(off: Any, body: Any, heading: Any, wrench: Any, rates: Any, motion: Any, mount: Any):
-    """Force [N] that holds a mounted body's center, and power [W] of its prescribed motion."""
+    """Force [N] that holds a mounted center, and power [W] of its prescribed motion."""
     held = holding_force(off, body, heading, wrench, rates, mount)
     return held, prescribing_power(body, heading, held, rates, motion.prescribed, mount)
 
@@ -314,7 +314,7 @@ def holding_force_and_power(off: Any, body: Any, heading: Any, wrench: Any, rate
 def late_contact_power(wrench: Any, now: Any, pose: Any, lag: Any, carried: bool):
     """Power [W] that contacts on a body miss by taking its acceleration of the step before.
 
-    `now` is its state at the forces' instant, `pose` that of `lag` [s] before; `carried` leaves out the center's power.
+    `now` is its state at the forces' instant, `pose` `lag` [s] earlier; `carried` leaves out the center's power.
     """
     power = wrench.moment * (now.speed - leading_value(pose.speed) - lag * pose.angular)
     if not carried:
@@ -351,7 +351,7 @@ def stop_moment(angle: Any, speed: Any, arm: Any):
 
 @wp.func
 def coil_length(angle: Any, arm: Any):
-    """Length [m] of an arm's coil spring, and its derivative by angle."""
+    """Length [m] of an arm's coil spring, and derivative by angle."""
     sine, cosine = wp.sin(angle), wp.cos(angle)
     x = arm.coil_point[0] * cosine - arm.coil_point[1] * sine
     y = arm.coil_point[0] * sine + arm.coil_point[1] * cosine
@@ -362,14 +362,14 @@ def coil_length(angle: Any, arm: Any):
 
 @wp.func
 def coil_moment(turned: Any, arm: Any):
-    """Moment [N m] on an arm of its coil spring and damper."""
+    """Moment [N m] of coil spring and damper on an arm."""
     length, lever = coil_length(turned.angle, arm)
     return -lever * (arm.coil_stiffness * (length - arm.coil_free_length) + arm.coil_damping * lever * turned.speed)
 
 
 @wp.func
 def arm_own_moment(body: Any, heading: Any, arm: Any):
-    """Moment [N m] on an arm of its weight, springs, dampers and stops."""
+    """Moment [N m] of weight, springs, dampers and stops on an arm."""
     x = arm.mass_moment[0] * heading[0] - arm.mass_moment[1] * heading[1]
     y = arm.mass_moment[0] * heading[1] + arm.mass_moment[1] * heading[0]
     stop, elastic = stop_moment(body.angle, body.speed, arm)
@@ -426,7 +426,7 @@ def arm_energy(kinetic: wp.float64, body: Any, heading: Any, arm: Any):
 
 @wp.func
 def pivot_power(power: Any, body: Any, arm: Any):
-    """Power [W] of what moves an arm's pivot: `power` and that of lifting its weight."""
+    """Power [W] of what moves an arm's pivot: `power` and lifting its weight."""
     return power - arm.mass * wp.dot(arm.gravity, body.velocity)
 
 

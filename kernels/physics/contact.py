@@ -5,7 +5,7 @@ A contact keeps the approach speed v0 of its first instant until it opens. An op
 face, without force until it has left. The relative velocity is v = v_s + omega x r - v_i (eq. (10)-(14)); forces act at
 the roller's center and oppositely at the same point of the partner's body (eq. (16)).
 
-Leapfrog's forces go by the penetration's mean over the step, with w = |v| h / 2
+Leapfrog takes the penetration's mean over the step, with w = |v| h / 2
 
     pen' = pen  where pen >= w,   (pen + w)^2 / (4 w)  where -w < pen < w,   else 0,                          (a)
 
@@ -38,7 +38,7 @@ def force_vector(direction: Any, size: Any):
 def normal_force_vector(
     penetration: Any, normal: Any, relative: Any, acceleration: Any, impact_speed: Any, speed_before: Any, law: Any
 ):
-    """Normal force of a contact on the roller (vector) [N], and all that `normal_force` returns, eq. (15)-(19).
+    """Normal force of a contact on the roller (vector) [N], and `normal_force`'s results, eq. (15)-(19).
 
     `normal` points to the roller; `relative` is the partner's velocity less the roller's [m/s].
     """
@@ -52,8 +52,8 @@ def normal_force_vector(
 def normal_force(penetration: Any, speed: Any, growth: Any, impact_speed: Any, speed_before: Any, law: Any):
     """Normal force of a contact: mean penetration [m], elastic part [N], size [N], v0 [m/s], damper speed [m/s].
 
-    An open contact has mean penetration 0. `speed` is that at which the penetration grows [m/s], `growth` its rate by
-    all but this contact, `impact_speed` v0, not positive if open until now, `speed_before` the last damper speed.
+    An open contact has mean penetration 0. `speed` is that at which penetration grows [m/s], `growth` its rate by all
+    but this contact, `impact_speed` v0, not positive if open before, `speed_before` the last damper speed.
     """
     zero = type(speed)(0.0)
     closing = multiply_add(law.lag, growth, speed)
@@ -72,7 +72,7 @@ def normal_force(penetration: Any, speed: Any, growth: Any, impact_speed: Any, s
 
 @wp.func
 def steady_force(penetration: Any, speed: Any, growth: Any, impact_speed: Any, speed_before: Any, law: Any):
-    """Normal force [N] and damper speed [m/s] of a contact that stays closed or open in the step."""
+    """Normal force [N] and damper speed [m/s] of a contact that stays closed or open."""
     zero = type(speed)(0.0)
     elastic = elastic_force(larger(penetration, zero), law.stiffness, law.exponent)
     size, damper_speed = contact_force(elastic, speed, growth, impact_speed, speed_before, law)
@@ -113,7 +113,7 @@ def friction_force(size: Any, normal: Any, relative: Any, bristle: Any, friction
     """Friction of a contact on the roller (vector) [N], and the force [N] that its bristle then holds.
 
     `size` is the normal force [N], `relative` the partner's velocity less the roller's [m/s], `bristle` the force held
-    until now [N], `stretch_part` as in `friction.bristle_friction`.
+    before [N], `stretch_part` as in `friction.bristle_friction`.
     """
     mu = sliding_coefficient(normal, relative, friction)
     drag, holds = friction_force_of_coefficient(mu, size, normal, relative, bristle, friction, stretch_part)
@@ -122,7 +122,7 @@ def friction_force(size: Any, normal: Any, relative: Any, bristle: Any, friction
 
 @wp.func
 def even_friction_force(size: Any, normal: Any, relative: Any, bristle: Any, friction: Any, stretch_part: Any):
-    """Friction on a roller (vector) [N] with one coefficient at all speeds, and its bristle's force [N]."""
+    """Friction on a roller (vector) [N] of one coefficient at all speeds, and bristle's force [N]."""
     drag, holds = friction_force_of_coefficient(
         friction.mu_dynamic, size, normal, relative, bristle, friction, stretch_part
     )
@@ -137,7 +137,7 @@ def sliding_coefficient(normal: Any, relative: Any, friction: Any):
 
 @wp.func
 def sliding_speed(relative_x: Any, relative_y: Any, normal_x: Any, normal_y: Any):
-    """Sliding speed [m/s] of a contact, along its normal turned by +90 degrees."""
+    """Sliding speed [m/s] of a contact, along its normal turned +90 degrees."""
     return products(relative_x, -normal_y, relative_y, normal_x)
 
 
@@ -145,7 +145,7 @@ def sliding_speed(relative_x: Any, relative_y: Any, normal_x: Any, normal_y: Any
 def friction_force_of_coefficient(
     mu: Any, size: Any, normal: Any, relative: Any, bristle: Any, friction: Any, stretch_part: Any
 ):
-    """Friction on a roller (vector) [N] for a given `mu` [-], and its bristle's force [N]."""
+    """Friction on a roller (vector) [N] for a given `mu` [-], and bristle's force [N]."""
     along = type(normal)(-normal[1], normal[0])
     speed = sliding_speed(relative[0], relative[1], normal[0], normal[1])
     drag, holds = bristle_friction(mu * size, speed, bristle, friction.spring, friction.damper, stretch_part)

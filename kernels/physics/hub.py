@@ -29,7 +29,7 @@ from .mount import left_normal
 
 @wp.func
 def carried_body(body: Any, carrier: Any, hub: Any):
-    """A body's state with its center on its carrier, at the point that `hub` names."""
+    """A body's state with its center on its carrier, where `hub` says."""
     lever = world_vector(hub.lever, carrier)
     body.center = carrier.center + lever
     body.velocity = carrier.velocity + number_of(leading_value(carrier.speed) * left_normal(leading_value(lever)))
@@ -39,7 +39,7 @@ def carried_body(body: Any, carrier: Any, hub: Any):
 
 @wp.func
 def relative_body(body: Any, carrier: Any):
-    """A body's state with angle and speed relative to its carrier."""
+    """A body's state, angle and speed relative to its carrier."""
     body.angle = body.angle - carrier.angle
     body.speed = body.speed - carrier.speed
     return body
@@ -64,7 +64,7 @@ def carried_arm_coefficients(lever: Any, s: Any, w1: Any, w2: Any, led: Any, mom
 
 @wp.func
 def eliminate_carried_arm(moment: Any, inertia: Any, terms: Any, inverse: Any):
-    """Moment [N m] and inertia [kg m^2] of an arm with a carried one eliminated, (b)."""
+    """Moment [N m] and inertia [kg m^2] of an arm, its carried one eliminated, (b)."""
     moment = moment + terms[2] - terms[0] * inverse * terms[1]
     return moment, inertia - terms[0] * terms[0] * inverse
 
@@ -83,7 +83,7 @@ def pivot_force(speed: Any, angular: Any, s: Any):
 
 @wp.func
 def carried_arm_energy(speed: Any, s: Any, lever: Any, carrier: Any):
-    """Kinetic energy [J] that a carried arm has by the motion of its pivot."""
+    """Kinetic energy [J] of a carried arm by its pivot's motion."""
     return speed * wp.dot(left_normal(s), carrier.velocity + carrier.speed * left_normal(lever))
 
 

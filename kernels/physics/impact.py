@@ -1,4 +1,4 @@
-"""Contact force laws: the force of a penalty contact from its penetration and approach speed.
+"""Contact force laws: a penalty contact's force from its penetration and approach speed.
 
     hysteretic     F = K pen^n (1 + d min(v / v0, 1))     (Pedersen et al. 2004, eq. (15), (18), (19))
     Kelvin-Voigt   F = K pen^n + c v
@@ -7,12 +7,12 @@ never adhesive (F >= 0); v0 is the approach speed at the contact's first instant
 restitution: `warpchain.drive.laws`.
 
 Leapfrog's speeds are half a step behind the forces. With E = K pen^n, c = E d / v0 or Kelvin-Voigt's, m the roller's
-mass, a the closing acceleration by all but this contact and D = h c / (2 m), the damper acts at the speed u,
+mass, a the closing acceleration by all but this contact and D = h c / (2 m), the damper's speed u is
 
     u (1 + D (1 + G)) = v + (h / 2) (a - E / m) + D G u_0,    F = max(0, E + c min(u, v0)),                   (a)
 
-u_0 its speed in the step before and G twice the body's answer if all its n seated rollers changed alike: 2 n m R^2 / J
-of a body that turns, n m d^2 / I of the arm and n m / M of the slider that carry it. A scheme with stages bounds c to
+u_0 that of the step before and G twice the body's answer if all its n seated rollers changed alike
+(`warpchain.engine.contact_mobility`). A scheme with stages bounds c to
 
     c / (1 + (c h / (2 m))^4)^(1/4).
 """
@@ -45,17 +45,17 @@ def hysteretic_damper(elastic: Any, impact_speed: Any, damping: Any):
 
 @wp.func
 def kelvin_voigt_damper(elastic: Any, impact_speed: Any, damping: Any):
-    """Damper c [N s/m] of the Kelvin-Voigt contact law, and bounds [m/s] that do not act."""
+    """Damper c [N s/m] of the Kelvin-Voigt contact law, and inactive bounds [m/s]."""
     return damping, type(elastic)(-UNBOUNDED), type(elastic)(UNBOUNDED)
 
 
 FORCES = (hysteretic_damper, kelvin_voigt_damper)
-"""Contact laws' functions; a law's number (`structs.ContactLaw.form`) is its place here."""
+"""Contact laws' functions by a law's number (`structs.ContactLaw.form`)."""
 
 
 @wp.func
 def law_damper(elastic: Any, impact_speed: Any, law: Any):
-    """Damper c [N s/m] of the contact law that `law` names, and speeds [m/s] that bound it."""
+    """Damper c [N s/m] of the contact law `law`, and speeds [m/s] that bound it."""
     damper, slowest, fastest = hysteretic_damper(elastic, impact_speed, law.damping)
     for form in range(1, wp.static(len(FORCES))):
         if law.form == form:
@@ -68,7 +68,7 @@ def law_damper(elastic: Any, impact_speed: Any, law: Any):
 
 @wp.func
 def law_at_roller(law: Any, relative_mass: Any, mobility: Any):
-    """A contact law for a roller of `relative_mass` times the chain's mass, `mobility` 1 over that."""
+    """Contact law for a roller of `relative_mass` times the chain's, `mobility` 1 over that."""
     if law.most_damping > type(mobility)(0.0):
         one = type(mobility)(1.0)
         law.most_damping = law.most_damping * ((one + law.answer) / (mobility + law.answer))

@@ -4,8 +4,8 @@ With d = r_{i+1} - r_i, L = |d|, u = d / L and w = v_{i+1} - v_i (Pedersen et al
 
     T = k (L - p) + c L',    L' = w . u,    F = T u   on roller i, -F on roller i + 1.
 
-p is the link's unloaded length. Outer and inner links alternate and may differ; with a play s the spring acts on what
-goes beyond p + s or p - s. The link between an open chain's ends is absent: without stiffness or damping.
+p is the link's unloaded length. Outer and inner links alternate and may differ; with a play s the spring acts beyond
+p + s or p - s. The link between an open chain's ends is absent.
 """
 
 from typing import Any
@@ -17,7 +17,7 @@ from ..native import dot, inverse_root, multiply_add, products, root
 
 @wp.func
 def link_force(d: Any, w: Any, length: Any, chain: Any):
-    """Tension [N], rate of elongation [m/s] and unit vector of a link of a chain whose links are alike, eq. (2), (3).
+    """Tension [N], rate of elongation [m/s] and unit vector of a link of a chain of like links, eq. (2), (3).
 
     `d` [m] and `w` [m/s] are roller i + 1 less roller i.
     """
@@ -31,7 +31,7 @@ def link_force(d: Any, w: Any, length: Any, chain: Any):
 
 @wp.func
 def uneven_link_force(d: Any, w: Any, length: Any, i: int, chain: Any):
-    """Tension [N], rate of elongation [m/s] and unit vector of link `i` of a chain with uneven links, eq. (2), (3)."""
+    """Tension [N], rate of elongation [m/s] and unit vector of link `i` of uneven links, eq. (2), (3)."""
     stiffness, damping = link_spring(i, chain)
     square = dot(d, d)
     u = d * inverse_root(square)
@@ -44,7 +44,7 @@ def uneven_link_force(d: Any, w: Any, length: Any, i: int, chain: Any):
 
 @wp.func
 def has_uneven_links(chain: Any):
-    """Whether a chain's links differ in stiffness or damping, have play, or one is absent."""
+    """Whether links differ in stiffness or damping, have play, or one is absent."""
     like = chain.outer_stiffness == chain.stiffness and chain.outer_damping == chain.damping
     return not like or chain.play != type(chain.play)(0.0) or chain.absent > 0
 
@@ -62,7 +62,7 @@ def link_spring(i: int, chain: Any):
 
 @wp.func
 def roller_acceleration(force: Any, inverse_mass: Any, gravity: Any):
-    """Acceleration [m/s^2] of a roller by links, contacts and gravity, eq. (1)."""
+    """Acceleration [m/s^2] of a roller by links, contacts, gravity, eq. (1)."""
     return type(gravity)(
         acceleration_component(force[0], inverse_mass, gravity[0]),
         acceleration_component(force[1], inverse_mass, gravity[1]),
@@ -77,7 +77,7 @@ def acceleration_component(force: Any, inverse_mass: Any, gravity: Any):
 
 @wp.func
 def chain_at_roller(chain: Any, relative_mass: Any, mobility: Any):
-    """A chain with one of its rollers' mass: `relative_mass` times the chain's, `mobility` 1 over that."""
+    """A chain with one roller's mass: `relative_mass` times the chain's, `mobility` 1 over that."""
     chain.mass = chain.mass * relative_mass
     chain.inverse_mass = chain.inverse_mass * mobility
     return chain
@@ -85,7 +85,7 @@ def chain_at_roller(chain: Any, relative_mass: Any, mobility: Any):
 
 @wp.func
 def compensated_sum(high: Any, low: Any, change: Any):
-    """Roller's coordinate plus a small `change`, and what that rounds off (fast two-sum)."""
+    """Roller's coordinate plus a small `change`, and its rounding (fast two-sum)."""
     rest = low + change
     moved = high + rest
     return moved, rest - (moved - high)
@@ -93,7 +93,7 @@ def compensated_sum(high: Any, low: Any, change: Any):
 
 @wp.func
 def roller_energy(position: Any, velocity: Any, tension: Any, rate: Any, i: int, chain: Any):
-    """Kinetic and elastic energy [J] of roller `i` and its link, and m g . x [J]."""
+    """Kinetic and elastic energy [J] of roller `i` and its link; m g . x [J]."""
     stiffness, damping = link_spring(i, chain)
     spring = wp.float64(tension - damping * rate)
     apart = wp.where(i + 1 == chain.absent, wp.float64(1.0), wp.float64(stiffness))

@@ -23,7 +23,7 @@ CELL_VALUES = wp.constant(5)
 
 @wp.func
 def table_cell(x: Any, table: Any):
-    """Cell of a motion's table at `x`, place in it, cells beyond the ends, and rounds of a repeating table."""
+    """Cell of a motion's table at `x`, place in it, cells beyond the ends, and a repeating table's rounds."""
     u = div(x - table.start, table.spacing)
     place = rounded_value(u)
     cells = type(place)(table.cells)
@@ -68,7 +68,7 @@ def table_slope(x: Any, table: Any, values: Any):
 
 @wp.func
 def table_derivatives(x: Any, table: Any, values: Any):
-    """Value, a number, and two rounded derivatives of a motion's table at `x`; 0 without a table."""
+    """Value, a number, and two rounded derivatives of a motion's table at `x`; 0 for none."""
     w = rounded_value(x)
     value = number_of(type(w)(0.0))
     slope = type(w)(0.0)
@@ -88,7 +88,7 @@ def table_derivatives(x: Any, table: Any, values: Any):
 
 @wp.func
 def table_integral(x: Any, table: Any, values: Any):
-    """Value of a motion's table at `x`, and its integral from 0."""
+    """Value and integral from 0 of a motion's table at `x`."""
     cell, w, beyond, rounds = table_cell(x, table)
     at = table.first + CELL_VALUES * cell
     c0, c1, c2, c3 = values[at], values[at + 1], values[at + 2], values[at + 3]
@@ -100,7 +100,7 @@ def table_integral(x: Any, table: Any, values: Any):
 
 @wp.func
 def ramp(time: Any, duration: Any):
-    """Smooth ramp S(t / duration) of a motion or load, from 0 to 1."""
+    """Smooth ramp S(t / duration) of a motion or load, 0 to 1."""
     if time >= duration:
         return type(time)(1.0)
     u = quotient(time, duration)
@@ -127,7 +127,7 @@ def ramp_integral(time: Any, duration: Any):
 
 @wp.func
 def prescribed_course(time: Any, motion: Any, ensemble: Any):
-    """phi [rad], phi' [rad/s] and phi'' [rad/s^2] of a prescribed rotation without harmonics."""
+    """phi [rad], phi' [rad/s], phi'' [rad/s^2] of a prescribed rotation without harmonics."""
     phi = motion.speed * ramp_integral(time, motion.ramp_time)
     rate = rounded_value(motion.speed) * ramp(rounded_value(time), rounded_value(motion.ramp_time))
     growth = rounded_value(motion.speed) * ramp_slope(rounded_value(time), rounded_value(motion.ramp_time))
@@ -141,20 +141,20 @@ def prescribed_course(time: Any, motion: Any, ensemble: Any):
 
 @wp.func
 def phase_sine(harmonic: wp.vec3d):
-    """Sine of the phase of a prescribed rotation's harmonic, in float64."""
+    """Sine of a prescribed harmonic's phase, in float64."""
     sine, cosine = sine_cosine(harmonic[2])
     return sine
 
 
 @wp.func
 def phase_sine(harmonic: wp.vec4f):
-    """Sine of the phase of a prescribed rotation's harmonic, kept in float32."""
+    """Sine of a prescribed harmonic's phase, kept in float32."""
     return harmonic[3]
 
 
 @wp.func
 def prescribed_rotation(time: Any, motion: Any, ensemble: Any):
-    """Angle [rad] and angular velocity [rad/s] of a body whose rotation is prescribed."""
+    """Angle [rad] and angular velocity [rad/s] of a body's prescribed rotation."""
     phi, rate, growth = prescribed_course(time, motion, ensemble)
     angle = phi
     factor = type(rate)(1.0)
@@ -169,7 +169,7 @@ def prescribed_rotation(time: Any, motion: Any, ensemble: Any):
 
 @wp.func
 def prescribed_acceleration(time: Any, motion: Any, ensemble: Any):
-    """Angular acceleration [rad/s^2] of a body whose rotation is prescribed."""
+    """Angular acceleration [rad/s^2] of a body's prescribed rotation."""
     phi, rate, growth = prescribed_course(time, motion, ensemble)
     factor = type(rate)(1.0)
     slope = type(rate)(0.0)
@@ -205,7 +205,7 @@ def load_table_argument(time: Any, angle: Any, motion: Any):
 
 @wp.func
 def free_load_moment(time: Any, tabulated: Any, angle: Any, speed: Any, motion: Any, ensemble: Any):
-    """Load moment [N m], counter-clockwise, of a body free to turn; `tabulated` is its table's part of T0 [N m]."""
+    """Load moment [N m], counter-clockwise, of a body free to turn; `tabulated`: its table's part of T0 [N m]."""
     torque = motion.load[0] + tabulated
     rows = motion.load_harmonics
     for j in range(rows.first, rows.first + rows.count):
@@ -216,7 +216,7 @@ def free_load_moment(time: Any, tabulated: Any, angle: Any, speed: Any, motion: 
 
 @wp.func
 def load_moment(time: Any, angle: Any, speed: Any, motion: Any, ensemble: Any):
-    """Load moment [N m], counter-clockwise, of a body; 0 where its angle is prescribed."""
+    """Load moment [N m], counter-clockwise, of a body; 0 with a prescribed angle."""
     load = type(motion.inverse_inertia)(0.0)
     if motion.prescribed == 0:
         tabulated = type(load)(0.0)
@@ -228,6 +228,6 @@ def load_moment(time: Any, angle: Any, speed: Any, motion: Any, ensemble: Any):
 
 @wp.func
 def load_moment_at_speed(time: Any, load: Any, before: Any, speed: Any, motion: Any):
-    """Load moment [N m] of a body at `speed` from that, `load`, at `before` [rad/s]."""
+    """Load moment [N m] of a body at `speed`, from `load` at `before` [rad/s]."""
     change = motion.load[1] * (speed - before) + motion.load[2] * (speed * wp.abs(speed) - before * wp.abs(before))
     return load - change * ramp(time, motion.load_ramp_time)

@@ -1,15 +1,15 @@
 """Mount of a body's center: prescribed, or on springs, with the inertia of an eccentric balance wheel.
 
 Prescribed, with a unit vector d:   r_s(t) = r_0 + d (offset + A sin(2 pi f t + phase)), or r_0 + (x, y) of a table over
-time. For an arm whose pivot is prescribed, (b) holds with q = m left(r_c - p) and its weight in the load.
+time. For an arm on a prescribed pivot, (b) holds with q = m left(r_c - p) and its weight in the load.
 
-On springs and dampers, M = m_s + m_b the mass of sprocket and wheel, e the wheel's direction and q = m_b r_b e turned
-by +90 degrees:
+On springs and dampers, M = m_s + m_b the mass of sprocket and wheel, e the wheel's direction, q = m_b r_b e turned by
++90 degrees:
 
     M a + q alpha = contacts + M g + m_b r_b omega^2 e + preload - K (r_s - r_0) - C v_s      (a)
     I alpha + q . a = contact moment + load + q . g,      I = J + m_b r_b^2                   (b)
 
-With B = 1/M along the free directions and a_0 the acceleration of a prescribed center,
+With B = 1/M along free directions and a_0 a prescribed center's acceleration,
 
     alpha = (N - q . (a_0 + B F)) / (I - q . B q).                                             (c)
 """
@@ -30,20 +30,20 @@ CARRIED = wp.constant(3)
 
 @wp.func
 def phase_sine_cosine(argument: wp.float64):
-    """Sine and cosine of the phase of a mount's prescribed motion, in float64."""
+    """Sine and cosine of the phase of a mount's motion, in float64."""
     return wp.sin(argument), wp.cos(argument)
 
 
 @wp.func
 def phase_sine_cosine(argument: Pair):
-    """Sine and cosine of the phase of a mount's prescribed motion, in pairs."""
+    """Sine and cosine of the phase of a mount's motion, in pairs."""
     sine, cosine = sine_cosine(argument)
     return sine, cosine
 
 
 @wp.func
 def prescribed_center(time: Any, mount: Any, ensemble: Any):
-    """Position [m], velocity [m/s] and acceleration [m/s^2] of a mount's prescribed center."""
+    """Position [m], velocity [m/s], acceleration [m/s^2] of a mount's prescribed center."""
     if mount.x_table.cells + mount.y_table.cells > 0:
         x, x_rate, x_growth = table_derivatives(time, mount.x_table, ensemble.tables)
         y, y_rate, y_growth = table_derivatives(time, mount.y_table, ensemble.tables)
@@ -64,7 +64,7 @@ def displacement_from_home(center: Any, mount: Any):
 
 @wp.func
 def wheel_arm(heading: Any, mount: Any):
-    """m_b r_b e [kg m] of a mount's balance wheel at `heading`."""
+    """m_b r_b e [kg m] of a mount's balance wheel."""
     w = mount.wheel
     return type(heading)(w[0] * heading[0] - w[1] * heading[1], w[0] * heading[1] + w[1] * heading[0])
 
@@ -85,8 +85,8 @@ def mount_spring_force(displacement: Any, velocity: Any, mount: Any):
 def mount_accelerations(driven: Any, displacement: Any, body: Any, heading: Any, wrench: Any, turning: Any, mount: Any):
     """Accelerations of a mounted center (x, y) [m/s^2] and its body's angle [rad/s^2], (a) to (c).
 
-    `driven` is the acceleration of a prescribed center, else 0; `turning` holds 1 if the angle is prescribed else 0,
-    its acceleration [rad/s^2] and the load moment [N m].
+    `driven` is a prescribed center's acceleration, else 0; `turning` holds 1 if the angle is prescribed else 0, its
+    acceleration [rad/s^2] and the load moment [N m].
     """
     arm = wheel_arm(heading, mount)
     q = left_normal(arm)
@@ -103,7 +103,7 @@ def mount_accelerations(driven: Any, displacement: Any, body: Any, heading: Any,
 
 @wp.func
 def mount_energy(displacement: Any, body: Any, heading: Any, mount: Any):
-    """Kinetic and potential energy [J] of a body on its mount, with its balance wheel."""
+    """Kinetic and potential energy [J] of a body and balance wheel on a mount."""
     half = type(body.speed)(0.5)
     arm = wheel_arm(heading, mount)
     energy = half * mount.mass * wp.dot(body.velocity, body.velocity) + half * mount.inertia * body.speed * body.speed

@@ -1,4 +1,4 @@
-"""Goods on a strand: mass that pins carry between two places, taken on there and left there.
+"""Goods on a strand: mass that pins carry between two places.
 
 With s a pin's distance along the line from where goods come on, l the length over which they lie, p the pitch and q
 their mass on one meter, a pin carries
@@ -23,7 +23,7 @@ from ..native import dot
 
 @wp.func
 def load_places(position: Any, load: Any):
-    """Both terms of a strand load's f before their clamps, (1), and 1 where a pin is near enough for goods, else 0."""
+    """Terms of a strand load's f before their clamps, (1), and 1 where a pin is near enough for goods, else 0."""
     away = position - load.start
     half = type(load.reach)(0.5)
     along = dot(away, load.direction)
@@ -34,14 +34,14 @@ def load_places(position: Any, load: Any):
 
 @wp.func
 def clamped_change(place: Any, part: Any):
-    """Change of a strand load's clamp(x, 0, 1) from `part` before a place to as much after it."""
+    """Change of a strand load's clamp(x, 0, 1) from `part` before to `part` after."""
     zero, one = type(place)(0.0), type(place)(1.0)
     return wp.clamp(place + part, zero, one) - wp.clamp(place - part, zero, one)
 
 
 @wp.func
 def carried_relative_mass(position: Any, load: Any):
-    """Mass of the goods on a pin over the chain's roller mass, (1)."""
+    """Mass of goods on a pin over the chain's roller mass, (1)."""
     on, off, near = load_places(position, load)
     zero, one = type(near)(0.0), type(near)(1.0)
     return load.relative_mass * near * (wp.clamp(on, zero, one) - wp.clamp(off, zero, one))
@@ -49,7 +49,7 @@ def carried_relative_mass(position: Any, load: Any):
 
 @wp.func
 def feed_rate_and_force(position: Any, velocity: Any, step: Any, chain: Any):
-    """Rate at which a pin gains goods [kg/s], and the force [N] that brings them to its velocity, (2)."""
+    """Rate at which a pin gains goods [kg/s], and force [N] that brings them to its velocity, (2)."""
     load = chain.load
     on, off, near = load_places(position, load)
     part = type(step)(0.5) * step * dot(velocity, load.direction) * load.per_pitch

@@ -6,7 +6,7 @@ The plunger touches a body at r, r_0 as drawn, and pushes along a fixed unit vec
     spring:     F = max(0, f_0 - k x - c x') + F_s                                              (2)
     hydraulic:  F = max(0, (P - P_0) A + f_0 - k x - c x') + F_s.                               (3)
 
-**Oil** with a share a of air at the ambient pressure P_0, n = 1.4, in a chamber of volume V = V_0 + A x:
+**Oil** with a share a of air at ambient pressure P_0, n = 1.4, in a chamber of volume V = V_0 + A x:
 
     1/E(P) = (1/E_0 + (a/n) P_0^(1/n) P^(-1-1/n)) / (1 + a)                                     (4)
     phi(P) = int dP/E = (P/E_0 - a (P_0/P)^(1/n)) / (1 + a)                                     (5)
@@ -21,7 +21,7 @@ of the volume is vapor. The state keeps z of the last step's end.
     y = clip((dP A_b - F_0) / k_cv, 0, y_max),    S = C_d pi y (2 r_B tan(g) + y sin(g) / cos(g)^2)
     Q_cv = S_e sqrt(2 dP / rho),    1/S_e^2 = 1/S^2 + 1/A_b^2,    below 5 kPa linear in dP.     (8)
 
-A step of length h takes flows at its end, after the body has moved:
+A step h takes flows at its end, after the body has moved:
 
     phi(P) + ln((V - h Q(P)) / V_0) = mu before the step.                                       (9)
 
@@ -46,7 +46,7 @@ phi = q - b of oil and air,
 
     (E - max(0, E - c x')) x' + (k_s max(0, x_s - x) - F_s) x' >= 0.                            (13)
 
-The plunger follows its body even where E < 0, by an outside work (suction) of
+The plunger follows its body even where E < 0, by outside work (suction)
 
     -E x'   while E < 0 and E - c x' <= 0.                                                      (14)
 """
@@ -102,7 +102,7 @@ SERIES = [
     ]
     for i, degree in enumerate(DEGREES)
 ]
-"""Coefficients of b^j in eq. (10a), a row for each power of q."""
+"""Coefficients of b^j in eq. (10a), a row a power of q."""
 
 
 @wp.func
@@ -127,7 +127,7 @@ def extension_rate(arm: Any, speed: Any, velocity: Any, tensioner: Any):
 
 @wp.func
 def extension_and_rate(body: Any, tensioner: Any):
-    """Extension x [m] of a tensioner and its rate [m/s], from its body's pose."""
+    """Extension x [m] of a tensioner and rate [m/s], by its body's pose."""
     arm = plunger_arm(body, tensioner)
     rate = extension_rate(leading_value(arm), leading_value(body.speed), leading_value(body.velocity), tensioner)
     return plunger_extension(body.center, arm, tensioner), rate
@@ -135,7 +135,7 @@ def extension_and_rate(body: Any, tensioner: Any):
 
 @wp.func
 def chamber_volume(x: Any, tensioner: Any):
-    """Volume V [m^3] of a tensioner's chamber, at least that at the bottom."""
+    """Volume V [m^3] of a tensioner's chamber, at least the bottom's."""
     return tensioner.volume + tensioner.area * wp.max(rounded_value(x), tensioner.bottom)
 
 
@@ -173,14 +173,14 @@ def supply_pressure(time: Any, forward: Any, tensioner: Any, tables: Any):
 
 @wp.func
 def valve_lift(drop: Any, valve: Any):
-    """Lift y [m] of a tensioner's valve at pressure drop dP [Pa], eq. (8)."""
+    """Lift y [m] of a tensioner's valve at dP [Pa], eq. (8)."""
     push = drop * valve.hole_area - valve.preload
     return wp.clamp(push * valve.compliance, type(drop)(0.0), valve.lift_max)
 
 
 @wp.func
 def valve_flow(drop: Any, valve: Any, tensioner: Any):
-    """Oil flow [m^3/s] through a tensioner's valve at drop dP [Pa], and its derivative, eq. (8)."""
+    """Oil flow [m^3/s] through a tensioner's valve at dP [Pa], and derivative, eq. (8)."""
     zero = type(drop)(0.0)
     two = type(drop)(2.0)
     flow = zero
@@ -208,7 +208,7 @@ def valve_flow(drop: Any, valve: Any, tensioner: Any):
 
 @wp.func
 def chamber_flows(pressure: Any, rate: Any, tensioner: Any):
-    """Oil flows Q_cv, Q_leak, Q_relief, Q_vent [m^3/s] of a tensioner, and derivatives by P, eq. (7), (8)."""
+    """Oil flows Q_cv, Q_leak, Q_relief, Q_vent [m^3/s] of a tensioner, derivatives by P, eq. (7), (8)."""
     supplied, slope = valve_flow(tensioner.supply - pressure, tensioner.check, tensioner)
     drop = pressure - tensioner.ambient
     leaked = tensioner.leak * drop + tensioner.drag * rate
@@ -256,9 +256,9 @@ def exponential(x: Any):
 
 @wp.func
 def flow_imbalance(z: Any, content: Any, per_volume: Any, rate: Any, t: Any):
-    """Residual of a tensioner's oil balance (9) at z, times any factor, its derivative, flows and their derivatives.
+    """Residual of a tensioner's oil balance (9) at z, times any factor, its derivative, and flows with theirs.
 
-    `content` is mu - ln(V/V_0), `per_volume` h / V (0 leaves eq. (6)), `rate` x'.
+    `content` is mu - ln(V/V_0), `per_volume` h / V (0: eq. (6)), `rate` x'.
     """
     phi, slope = oil_compression(z, t)
     rest = phi - content
@@ -279,19 +279,19 @@ def flow_imbalance(z: Any, content: Any, per_volume: Any, rate: Any, t: Any):
 
 @wp.func
 def newton_tolerance(z: wp.float64):
-    """Newton step of z at which a tensioner's oil pressure is solved, in float64."""
+    """Newton step of z that solves a tensioner's oil pressure, in float64."""
     return wp.float64(1e-6) * z
 
 
 @wp.func
 def newton_tolerance(z: wp.float32):
-    """Newton step of z at which a tensioner's oil pressure is solved, in float32."""
+    """Newton step of z that solves a tensioner's oil pressure, in float32."""
     return 1.0e-4 * z
 
 
 @wp.func
 def solve_root(content: Any, per_volume: Any, rate: Any, near: Any, floor: Any, tensioner: Any):
-    """z of a tensioner's oil by eq. (9), at least `floor`, and flows [m^3/s] there; `near` is a first guess."""
+    """z of a tensioner's oil by eq. (9), at least `floor`, and flows [m^3/s]; `near` is a guess."""
     low = type(near)(0.0)
     high = type(near)(wp.static(LARGEST_ROOT))
     z = near
@@ -317,7 +317,7 @@ def solve_root(content: Any, per_volume: Any, rate: Any, near: Any, floor: Any, 
 
 @wp.func
 def lowest_pressure_root(state: Any, tensioner: Any):
-    """Least z of a tensioner's oil: of P_0 while air drains, then of P_v."""
+    """Least z of a tensioner's oil: of P_0 while draining, then P_v."""
     z = tensioner.floor
     if state.unfilled > type(z)(0.0):
         z = type(z)(1.0)
@@ -326,7 +326,7 @@ def lowest_pressure_root(state: Any, tensioner: Any):
 
 @wp.func
 def pressure_root_before(state: Any, tensioner: Any):
-    """z of a tensioner's oil at the last step's end, or at rest."""
+    """z of a tensioner's oil at the last step's end or rest."""
     z = state.root
     if z <= type(z)(0.0):
         z = pressure_root(tensioner.rest, tensioner)
@@ -337,7 +337,7 @@ def pressure_root_before(state: Any, tensioner: Any):
 def chamber_pressure(x: Any, kept: bool, state: Any, tensioner: Any):
     """Oil pressure P [Pa] of a tensioner, eq. (6); ambient without oil.
 
-    `kept`: x is that of the last step's end.
+    `kept`: x is of the last step's end.
     """
     pressure = tensioner.ambient
     if tensioner.hydraulic == 1:
@@ -421,7 +421,7 @@ def tensioner_push(body: Any, kept: bool, remembered: Any, tensioner: Any):
 
 @wp.func
 def plunger_losses(push: Any, rate: Any, state: Any, tensioner: Any):
-    """Power [W] of a tensioner's dampers, eq. (13), and of suction, eq. (14), at `rate` x'."""
+    """Power [W] of a tensioner's dampers, eq. (13), and suction, eq. (14), at `rate` x'."""
     zero = type(rate)(0.0)
     elastic = elastic_plunger_force(push.extension, push.pressure, tensioner)
     pushed = wp.max(elastic - tensioner.damping * rate, zero)
@@ -437,7 +437,7 @@ def plunger_losses(push: Any, rate: Any, state: Any, tensioner: Any):
 
 @wp.func
 def oil_energy_series(z: Any, tensioner: Any):
-    """K [Pa] of a tensioner's oil at z, eq. (10a), and phi [-]."""
+    """K [Pa] of a tensioner's oil at z, (10a), and phi [-]."""
     square = z * z
     q = tensioner.oil_share * square * square * square * z
     b = quotient(tensioner.air_share, square * square * z)
@@ -492,7 +492,7 @@ def tensioner_energy(x: Any, pressure: Any, state: Any, tensioner: Any):
 
 @wp.func
 def plunger_losses_at_extension(x: wp.float64, rate: wp.float64, state: TensionerState, tensioner: Tensioner):
-    """Power [W] of a tensioner's dampers, eq. (13), and of suction, eq. (14), at an extension x [m]."""
+    """Power [W] of a tensioner's dampers, eq. (13), and suction, eq. (14), at extension x [m]."""
     push = Push()
     push.extension = x
     push.pressure = chamber_pressure(x, True, state, tensioner)
@@ -530,7 +530,7 @@ def zero_flows(h: wp.float32):
 
 @wp.func
 def add_flow_energies(flows: Any, before: Any, z: Any, tensioner: Any):
-    """Flows of a tensioner's oil in a step with their energies [J]; z is `before` and `z` after it."""
+    """Flows of a tensioner's oil in a step with energies [J]; z is `before` and `z` after it."""
     # at the mean z, work on the plunger and what is stored, lost and supplied differ by O(h^2)
     phi, slope = oil_compression(z, tensioner)
     density = exponential(phi)
@@ -547,7 +547,7 @@ def add_flow_energies(flows: Any, before: Any, z: Any, tensioner: Any):
 
 @wp.func
 def advance_oil(x: Any, rate: Any, h: Any, metered: bool, state: Any, tensioner: Any):
-    """State of a tensioner's oil after a step, eq. (9), and its flows, with energies where `metered`."""
+    """State of a tensioner's oil after a step, eq. (9), and flows, with energies if `metered`."""
     before = pressure_root_before(state, tensioner)
     if state.unfilled > type(h)(0.0):
         tensioner.drag = type(rate)(0.0)
@@ -579,9 +579,9 @@ def advance_oil(x: Any, rate: Any, h: Any, metered: bool, state: Any, tensioner:
 
 @wp.func
 def advance_tensioner(x: Any, rate: Any, h: Any, metered: bool, state: Any, tensioner: Any):
-    """State of a tensioner a step after its body has moved, and its oil's flows, with energies where `metered`.
+    """State of a tensioner a step after its body has moved, and oil's flows, with energies if `metered`.
 
-    `rate` is x' as the step's mean.
+    `rate` is the step's mean x'.
     """
     flows = zero_flows(h)
     if tensioner.hydraulic == 1:

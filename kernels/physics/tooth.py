@@ -40,7 +40,7 @@ def wrapped_seat(seat: int, teeth: int):
 
 @wp.func
 def nearest_seat(r: Any, cosine: Any, sine: Any, teeth: int):
-    """Number of a sprocket's seat nearest by angle to a roller at `r` [m]."""
+    """Number of a sprocket's seat nearest by angle to `r` [m]."""
     local = wp.atan2(float(r[1] * cosine - r[0] * sine), float(r[0] * cosine + r[1] * sine))
     if not (wp.abs(local) < 4.0):
         return int(0)
@@ -63,7 +63,7 @@ def seat_step(radial: Any, lateral: Any, half_pitch_tangent: Any):
 
 @wp.func
 def tipless_gap(xi: Any, lateral: Any, gap: Any):
-    """Penetration [m] of a roller in a tooth gap without tips, and its normal along e, tau."""
+    """Penetration [m] of a roller in a tooth gap without tips, and normal along e, tau."""
     zero = type(xi)(0.0)
     one = type(xi)(1.0)
     eta = wp.abs(lateral)
@@ -116,7 +116,7 @@ def straight_flank_gap(xi: Any, lateral: Any, gap: Any):
 
 @wp.func
 def is_beyond_tip(penetration: Any, xi: Any, lateral: Any, gap: Any):
-    """Whether a roller in a tooth gap, `penetration` [m] deep, is less deep in a tooth's tip."""
+    """Whether a roller in a tooth gap, `penetration` [m] deep, is less deep in the tip."""
     if penetration > -gap.law.ahead:
         radial = gap.pitch_radius + xi
         limit = wp.max(gap.tip_reach - penetration, type(xi)(0.0))
@@ -135,7 +135,7 @@ def tip_gap(xi: Any, lateral: Any, gap: Any):
 
 @wp.func
 def tooth_gap(xi: Any, lateral: Any, gap: Any):
-    """Penetration [m] of a roller in a tooth gap, tips included, and its normal along e, tau, eq. (5)-(8)."""
+    """Penetration [m] of a roller in a tooth gap with tips, and normal along e, tau, eq. (5)-(8)."""
     penetration, along, across = tipless_gap(xi, lateral, gap)
     at = wp.vector(penetration, along, across)
     if is_beyond_tip(penetration, xi, lateral, gap):
@@ -148,13 +148,13 @@ def tooth_gap(xi: Any, lateral: Any, gap: Any):
 
 @wp.func
 def grid_value(value: wp.float32, magic: wp.float32):
-    """Float32 rounded to the grid of `magic` on which a tooth gap's products are exact."""
+    """Float32 on the grid of `magic`, where a tooth gap's products are exact."""
     return (value + magic) - magic
 
 
 @wp.func
 def grid_product(part: Pair, radius: Pair, magic: wp.float32):
-    """R cos theta or R sin theta [m] of a sprocket's tooth gaps, its high part on the grid of `magic`."""
+    """R cos theta or R sin theta [m] of a sprocket's tooth gaps, high part on `magic`'s grid."""
     high = grid_value(radius.high * part.high, magic)
     low = fused_multiply_add(radius.high, part.high, -high) + products(radius.high, part.low, radius.low, part.high)
     return pair(high, low)
@@ -162,7 +162,7 @@ def grid_product(part: Pair, radius: Pair, magic: wp.float32):
 
 @wp.func
 def grid_magic(radius: wp.float32):
-    """Magic number of `grid_value` for a sprocket's pitch radius [m]: a grid of 2^-12 of the power of two above."""
+    """`grid_value`'s magic number for a sprocket's pitch radius [m]: a grid of 2^-12 of the power of two above."""
     return 3072.0 * wp.pow(2.0, wp.floor(wp.log2(radius)) + 1.0)
 
 
@@ -181,7 +181,7 @@ def gap_coordinates(p: wp.vec2d, direction: wp.vec2d, body: Any, sprocket: Any):
 def gap_coordinates(p: PairVector, direction: wp.vec4f, body: Any, sprocket: Any):
     """Direction e of a tooth gap's seat, and r . e, xi, eta [m] of a roller, from pairs, (a).
 
-    `direction` is the seat's at angle zero: high parts (x, y), low parts (x, y).
+    `direction`: the seat's at angle zero, high parts (x, y), low parts (x, y).
     """
     c = body.reach_cosine
     s = body.reach_sine
@@ -199,7 +199,7 @@ def gap_coordinates(p: PairVector, direction: wp.vec4f, body: Any, sprocket: Any
 
 @wp.func
 def tracked_seat_from(p: Any, number: int, direction: Any, body: Any, sprocket: Any, seats: Any):
-    """Seat of a roller in a sprocket, at most two from seat `number`, with direction e, xi and eta [m]."""
+    """Seat of a roller in a sprocket, at most two from `number`, with direction e, xi and eta [m]."""
     e, radial, xi, lateral = gap_coordinates(p, direction, body, sprocket)
     step = seat_step(radial, lateral, type(radial)(sprocket.half_pitch_tangent))
     tries = int(2)  # a loop, which the GPU's compiler leaves where it is: most rollers have no use for it
@@ -220,7 +220,7 @@ def tracked_seat_from(p: Any, number: int, direction: Any, body: Any, sprocket: 
 def tracked_seat(p: Any, kept: int, body: Any, sprocket: Any, seats: Any):
     """Seat of a roller in a sprocket from the step before's, with direction e, xi and eta [m].
 
-    `p` is r - c [m]; with `kept` < 0 the seat is found by angle.
+    `p` is r - c [m]; `kept` < 0: the seat is found by angle.
     """
     number = kept
     if number < 0:

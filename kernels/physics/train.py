@@ -1,11 +1,11 @@
 """Trains of shafts: moments of gears and couplings between bodies that turn together, and of motors that drive them.
 
-Bodies that a shaft or gears tie are a train, of which body b turns rho_b times as fast as the first. With M_b the
-moment of contacts, load, motor and couplings on body b,
+Bodies tied by a shaft or gears are a train, of which body b turns rho_b times as fast as the first. With M_b the moment
+of contacts, load, motor and couplings on body b,
 
     (sum rho^2 J) q'' = sum rho M,    alpha_b = rho_b q''.                                                (a)
 
-A pair of gears passes on to the bodies B beyond it, the first of which turns with alpha_b,
+A pair of gears passes on to the bodies B beyond it, the first turning with alpha_b,
 
     T = J_B alpha_b - sum_B rho M / rho_b,    J_B = sum_B rho^2 J / rho_b^2.                              (b)
 
@@ -14,14 +14,14 @@ A coupling of the twist e = q_1 - i q_2 - e_0, at a ratio i, takes from its firs
     M = k d + c e',    d = e - b above b, e + b below -b,    M = 0 in between,                            (c)
 
 and passes on i M to its second. As i changes, k d^2 / 2 is lost; at i = 0 it is open. A clutch bears |M| <= C and
-slips where k |d| would be above that:
+slips where k |d| would exceed it:
 
     e_0' = e' where k d = C and e' > 0, or k d = -C and e' < 0, else 0,    C |e_0'| lost.                   (d)
 
 A freewheel of way w bears 0 <= w M <= C. q_1 is 0 where the first body is the ground.
 
-A motor's moment is min(M_0 + M(omega), P / omega) forward, with its limits M_0 and P and its table. Its governor
-multiplies it by min(max(1 + (omega_0 - omega) / B, 0), f), P aside.
+A motor's moment is min(M_0 + M(omega), P / omega) forward, with limits M_0 and P and a table. Its governor multiplies
+it by min(max(1 + (omega_0 - omega) / B, 0), f), P aside.
 """
 
 from typing import Any
@@ -39,7 +39,7 @@ OVER_SPEED = wp.constant(2)
 
 @wp.func
 def motor_moment(time: Any, angle: Any, speed: Any, motor: Any, motion: Any, tables: Any):
-    """Moment [N m] of a shaft's motor, counter-clockwise; 0 without one or with a prescribed angle."""
+    """Moment [N m] of a shaft's motor, counter-clockwise; 0 for none or a prescribed angle."""
     forward = motion.sign * leading_value(speed)
     torque = motor.torque
     if motor.present == 0 or motion.prescribed == 1:
@@ -90,7 +90,7 @@ def unbounded_moment(twist: Any, rate: Any, coupling: Any):
 
 @wp.func
 def coupling_damping(twist: Any, coupling: Any):
-    """Damping c [N m s/rad] of a coupling beyond its lash, 0 within."""
+    """Damping c [N m s/rad] of a coupling beyond lash, 0 within."""
     return wp.where(wp.abs(twist) >= coupling.lash, coupling.damping, type(twist)(0.0))
 
 
@@ -111,7 +111,7 @@ def moment_bounds(coupling: Any, engaged: Any):
 
 @wp.func
 def clutch_capacity(time: Any, first: Any, second: Any, coupling: Any, tables: Any):
-    """Moment [N m] that a clutch bears at most, by its table of time or speed."""
+    """Moment [N m] that a clutch bears, by its table of time or speed."""
     x = time
     if coupling.engagement.over_angle == OVER_SPEED:
         x = number_of(wp.abs(leading_value(first.speed)))
@@ -129,7 +129,7 @@ def coupling_energy(twist: Any, coupling: Any):
 
 @wp.func
 def coupling_loss(twist: Any, rate: Any, coupling: Any, engaged: Any):
-    """Power [W] lost in a coupling by its damper and the bounds of its moment."""
+    """Power [W] lost in a coupling by damper and bounds of moment."""
     over = coupling_moment(twist, rate, coupling, engaged) - unbounded_moment(twist, rate, coupling)
     return wp.max(coupling_damping(twist, coupling) * rate * rate + over * rate, type(rate)(0.0))
 
@@ -171,7 +171,7 @@ def coupling_state(time: Any, first: Any, second: Any, before: Any, coupling: An
 
 @wp.func
 def own_body_energy(energy: wp.float64, speed: wp.float64, motion: Any):
-    """Energy [J] of a train's body by its own inertia alone, from `energy` by the train's."""
+    """Energy [J] of a train's body by its own inertia, from `energy` by the train's."""
     if motion.prescribed == 0:
         others = wp.float64(motion.own_inertia) - wp.float64(1.0) / wp.float64(motion.inverse_inertia)
         energy = energy + wp.float64(0.5) * speed * speed * others

@@ -1,7 +1,7 @@
 """Valve trains: cams on a body that lift followers of mass m against springs F_0 + k l.
 
-Each valve has the lift l(phi), phi the forward angle of its body less the valve's phase. With J_e = J + sum m l'^2,
-w the speed of the body and M all other moments,
+Each valve has the lift l(phi), phi its body's forward angle less the valve's phase. With J_e = J + sum m l'^2, w the
+body's speed and M all other moments,
 
     d/dt (J_e w) = J_e' w^2 / 2 - sum (F_0 + k l) l' + M.                                                 (a)
 
@@ -31,7 +31,7 @@ def cam_angle(angle: Any, phase: Any, valve: Any, motion: Any):
 
 @wp.func
 def cam_lift(angle: Any, k: int, valve: Any, motion: Any, tables: Any):
-    """Lift [m] of the `k`-th cam of a valve group and two derivatives by angle, rounded."""
+    """Lift [m] of the `k`-th cam of a valve group, two derivatives by angle, rounded."""
     turned = cam_angle(angle, tables[valve.first_phase + k], valve, motion)
     lift, slope, bend = table_derivatives(turned, valve.lift, tables)
     return wp.vector(valve.height * leading_value(lift), valve.height * slope, valve.height * bend)
@@ -51,7 +51,7 @@ def add_cam(cam: Any, at: Any, valve: Any):
 
 @wp.func
 def add_geared_cam(total: Any, cam: Any, ratio: Any):
-    """Inertia and moment of valves with those on another body that turns `ratio` times as fast."""
+    """Inertia and moment of valves with those on another body, turning `ratio` times as fast."""
     total.inertia = total.inertia + ratio * ratio * cam.inertia
     total.growth = total.growth + ratio * ratio * ratio * cam.growth
     total.moment = total.moment + ratio * cam.moment
@@ -68,7 +68,7 @@ def valve_inertia_share(speed: Any, kick: Any, cam: Any, motion: Any):
 def constant_inertia_moment(moment: Any, speed: Any, kick: Any, cam: Any, motion: Any):
     """Moment [N m] that turns a body without its valves' inertia as `moment` with them, (c).
 
-    `kick` is leapfrog's step [s], else 0.
+    `kick`: leapfrog's step [s], else 0.
     """
     if motion.prescribed == 1:
         return moment
@@ -78,7 +78,7 @@ def constant_inertia_moment(moment: Any, speed: Any, kick: Any, cam: Any, motion
 
 @wp.func
 def cam_energy(speed: Any, cam: Any, motion: Any):
-    """Energy [J] of the valves on a body, 0 where its motion is prescribed."""
+    """Energy [J] of a body's valves, 0 with prescribed motion."""
     energy = cam.energy + type(speed)(0.5) * cam.inertia * speed * speed
     return wp.where(motion.prescribed == 1, type(speed)(0.0), energy)
 
@@ -91,7 +91,7 @@ def zero_valve_load(valve: Any):
 
 @wp.func
 def add_cam_load(load: Any, at: Any, speed: Any, angular: Any, valve: Any):
-    """Torque [N m] of a valve group and least force [N] on a follower, (b), with one more cam of lift `at`."""
+    """Torque [N m] of a valve group and least follower force [N], (b), with one more cam of lift `at`."""
     lift, slope, bend = at[0], at[1], at[2]
     force = valve.preload + valve.stiffness * lift
     force = force + valve.mass * (bend * speed * speed + valve.sign * slope * angular)

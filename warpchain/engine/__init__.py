@@ -71,7 +71,7 @@ def start_warp(precompiled: bool = True) -> None:
 
 @contextlib.contextmanager
 def _silenced_stderr() -> Iterator[None]:
-    """Context that discards this process's standard error."""
+    """Context that discards this process's stderr."""
     sys.stderr.flush()
     kept, nowhere = os.dup(2), os.open(os.devnull, os.O_WRONLY)
     try:

@@ -1,4 +1,4 @@
-"""Table of an ensemble's arrays, `ARRAYS`, from which they are packed, cast, uploaded, summed up and kept."""
+"""Table of an ensemble's arrays, `ARRAYS`: how they are packed, uploaded, summed up and kept."""
 
 from __future__ import annotations
 
@@ -23,11 +23,11 @@ SPARE_LENGTHS = 4096
 
 
 FIRST_ITEMS = tuple(name for name in structs.Drive.vars if name.startswith("first_") and name != "first_value")
-"""Fields of `structs.Drive` with the place of a row's first item of a dimension."""
+"""Fields of `structs.Drive` with places of rows' first items."""
 
 
 def item_counts(drives: NDArray[Any]) -> dict[str, NDArray[Any]]:
-    """Items (rows,) that each row of `drives` has in each dimension of an ensemble's arrays."""
+    """Items (rows,) of `drives` in each dimension of an ensemble's arrays."""
     rollers, sprockets, guides, points = (drives[name] for name in ("rollers", "sprockets", "guides", "points"))
     return {
         "variant": np.ones(len(drives), dtype=np.int64),
@@ -182,7 +182,7 @@ ARRAYS = {
         "body": ArrayRow("body", in_checkpoints=True),
     },
 }
-"""Table of an ensemble's arrays, by struct and name."""
+"""Arrays of an ensemble, by struct and name."""
 
 PACKED_ARRAYS = {
     row.packed_name: (group, name) for group, rows in ARRAYS.items() for name, row in rows.items() if row.packed_name
@@ -205,7 +205,7 @@ def array_type(group: str, name: str, real: type, blocks: bool = False) -> Any:
 
 @cache
 def dtype_of(kind: Any) -> np.dtype[Any]:
-    """Numpy dtype of a Warp struct, scalar or vector's parts."""
+    """Numpy dtype of a Warp struct, scalar or vector."""
     if hasattr(kind, "numpy_dtype"):
         return np.dtype(kind.numpy_dtype())
     return np.dtype(wp.dtype_to_numpy(getattr(kind, "_wp_scalar_type_", kind)))
@@ -277,7 +277,7 @@ def upload_state(packed: Any, device: str, large: tuple[int, int] | None = None)
 
 
 def empty_sums(packed: Any, device: str, blocks: bool = False) -> Any:
-    """Empty sums of an ensemble (`structs.Sums`): minima at +infinity, maxima at -infinity."""
+    """Empty sums of an ensemble (`structs.Sums`): minima +infinity, maxima -infinity."""
     sums = structs.types(packed.real, blocks).Sums()
     for name, count in array_lengths(packed.drives, "sums").items():
         struct = array_type("sums", name, packed.real, blocks)
@@ -324,18 +324,18 @@ class Engine(ABC):
 
     packed: Any
     has_own_steps = False
-    """Whether an engine's variants may differ in steps of a launch."""
+    """Whether an engine's variants may differ in a launch's steps."""
 
     @abstractmethod
     def advance(self, steps: Any, frames: Any) -> list[Future[None]]:
         """Starts a launch of `steps` steps of every variant, frames going to `frames`.
 
-        `steps` may be (variants,) where the engine `has_own_steps`.
+        `steps` may be (variants,) if `has_own_steps`.
         """
 
     @abstractmethod
     def start_settling(self, settling: NDArray[Any]) -> None:
-        """Sets each variant's settling state, `kernels.relaxation.Settling`, in the engine."""
+        """Sets variants' settling states, `kernels.relaxation.Settling`, in the engine."""
 
     @abstractmethod
     def settle(self, steps: int) -> list[Future[None]]:
@@ -347,7 +347,7 @@ class Engine(ABC):
 
     @abstractmethod
     def frame_buffer(self, values: int, wanted: NDArray[np.integer] | None = None) -> FrameSource:
-        """Buffer for a launch's frames, of which only values at places `wanted` are read after `take_steps`."""
+        """Buffer for a launch's frames; only values at places `wanted` are read after `take_steps`."""
 
     @abstractmethod
     def changing_structs(self) -> dict[str, Any]:
@@ -370,10 +370,10 @@ class Engine(ABC):
         """Sets an array of an engine's constants between launches."""
 
     def stage_tables(self, first: int) -> None:  # noqa: B027
-        """Has the tables from value `first` on, those of inputs, ready to be set between launches at little cost."""
+        """Prepares inputs' tables, from value `first` on, to be set between launches at little cost."""
 
     def constants_view(self, name: str) -> NDArray[Any] | None:
-        """View of an array of an engine's constants, None on a GPU."""
+        """View of an engine's constant array, None on a GPU."""
         return None
 
     def diverged_view(self) -> NDArray[Any] | None:
@@ -382,15 +382,15 @@ class Engine(ABC):
 
     @abstractmethod
     def close(self) -> None:
-        """Waits for the engine's launches, and frees threads and memory."""
+        """Waits for an engine's launches; frees threads and memory."""
 
     def take_steps(self, steps: int | NDArray[np.integer], frames: Any) -> None:
-        """Takes `steps` steps of all rows, or of each (rows,), and waits; frames go to `frames`."""
+        """Takes `steps` steps of all rows, or of each (rows,), and waits; fills `frames`."""
         for future in self.advance(steps, frames):
             future.result()
 
     def copy_state(self) -> dict[tuple[str, str], NDArray[Any]]:
-        """Copies of an engine's changing arrays, in the device's types."""
+        """Copies of changing arrays, in the device's types."""
         return {
             (group, name): np.array(getattr(struct, name).numpy(), copy=True)
             for group, struct in self.changing_structs().items()
@@ -411,5 +411,5 @@ class Engine(ABC):
         return self.fetch_array("state", "bodies")
 
     def progress(self) -> NDArray[Any]:
-        """Copy (variants,) of an engine's progress: next step, whether diverged."""
+        """Copy (variants,) of progress: next step, whether diverged."""
         return self.fetch_array("state", "progress")

@@ -1,4 +1,4 @@
-"""Fills rows of the kernels' structs of bodies from a drive: profiled guides, arms, tensioners, trains, valves."""
+"""Fills rows of kernels' structs of bodies from a drive: profiled guides, arms, tensioners, trains, valves."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ from warpchain.model.trains import (
 )
 
 FACE_MARGIN = 0.25
-"""Distance from a guide at which rollers count, in pitches."""
+"""Distance from guides at which rollers count, in pitches."""
 
 
 def has_profile_face(model: ChainModel, g: int) -> bool:
@@ -56,7 +56,7 @@ def has_profile_face(model: ChainModel, g: int) -> bool:
 
 
 def piece_count(model: ChainModel) -> int:
-    """Number of a drive's rows of `structs.Piece`, for profiled guides."""
+    """Number of rows `structs.Piece` of a drive's profiled guides."""
     return sum(len(model.profile(g).pieces) + 1 for g in range(len(model.guides)) if has_profile_face(model, g))
 
 
@@ -81,7 +81,7 @@ def fill_profile_face(row: Any, pieces: Any, first: int, model: ChainModel, g: i
 
 
 def _fill_face_box(row: Any, profile: Profile, origin: NDArray[np.float64], offset: float, margin: float) -> None:
-    """Fills the box of a guide's face in which rollers count."""
+    """Fills the box of a guide's face where rollers count."""
     points = profile.points(0.25 * profile.end_radius) - origin
     start = np.asarray(profile.face[0].start) - origin
     chord = np.asarray(profile.face[-1].end) - origin - start
@@ -95,7 +95,7 @@ def _fill_face_box(row: Any, profile: Profile, origin: NDArray[np.float64], offs
 
 
 def guide_effective_mass(model: ChainModel, g: int) -> float:
-    """Effective mass [kg] of a roller that slides on guide g."""
+    """Effective mass [kg] of a roller sliding on guide g."""
     arm = model.arm_of(g)
     return model.chain.mass if arm is None else arm_effective_mass(model, arm)
 
@@ -103,7 +103,7 @@ def guide_effective_mass(model: ChainModel, g: int) -> float:
 def arm_effective_mass(model: ChainModel, a: int) -> float:
     """Effective mass m_e [kg] of a roller on arm a: 1/m_e = 1/m + (n r^2 + sum z d^2) / I.
 
-    n rollers are on its faces at reach r, z on sprockets d from its pivot.
+    n rollers on its faces at reach r, z on sprockets d from its pivot.
     """
     square = squared_levers(model, a, [sprocket.teeth for sprocket in model.sprockets])
     return 1.0 / (1.0 / model.chain.mass + square / model.arm_inertia(a))
@@ -154,7 +154,7 @@ def _mass_moment(model: ChainModel, a: int) -> NDArray[np.float64]:
 
 
 def fill_place_tables(row: Any, table: PlaceTable | None, tables: TableList) -> None:
-    """Fills the tables of a `structs.Mount` whose center follows one."""
+    """Fills tables of a `structs.Mount` whose center follows one."""
     for axis in "xy":
         column = None if table is None else table.displacement_along(axis)
         if column is not None:
@@ -209,7 +209,7 @@ def fill_tensioner_element(row: Any, model: ChainModel, tensioner: Tensioner) ->
 
 
 def _expansion_pressure(pressure: Any, oil: Any) -> Any:
-    """Expansion pressure of oil [Pa], eq. (10a) of `physics.tensioner`."""
+    """Expansion pressure [Pa] of oil, (10a) of `physics.tensioner`."""
     share, ratio = 1.0 / (1.0 + oil.air), pressure / oil.ambient
     q, b = share * pressure / oil.bulk_modulus, share * oil.air * power(ratio, -5.0 / 7.0)
     total = 0.0 * q
@@ -222,7 +222,7 @@ def _expansion_pressure(pressure: Any, oil: Any) -> Any:
 
 
 def oil_energies(oil: Any) -> tuple[Any, Any]:
-    """Energies of oil [Pa] at rest and supplied, for `structs.Tensioner`."""
+    """Oil's energies [Pa] at rest and supplied, for `structs.Tensioner`."""
     still = _expansion_pressure(oil.ambient, oil)
     return still, _expansion_pressure(oil.supply, oil) - still
 

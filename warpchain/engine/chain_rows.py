@@ -1,4 +1,4 @@
-"""Chain rows of packed ensembles: one for each chain of each variant, those of a variant one after the other.
+"""Chain rows of packed ensembles: one a chain, those of a variant one after the other.
 
 Each chain is packed and settled alone; then bodies of one shaft or train are tied.
 """
@@ -30,9 +30,9 @@ class ChainRows:
     """Chain rows of variants.
 
     Attributes:
-        variants: (V,) models of the drives.
+        variants: (V,) models of drives.
         first_rows: (V + 1,) row of each variant's first chain, and the end.
-        models: (rows,) the chains.
+        models: (rows,) of chains.
         stacks: of these.
     """
 
@@ -58,7 +58,7 @@ class ChainRows:
         yield from pairwise(self.first_rows.tolist())
 
     def layout_faults(self, layouts: Sequence[Sequence[str]]) -> Sequence[tuple[str, ...]]:
-        """Layout faults of variants, from those of their chain rows."""
+        """Layout faults of variants, from those of chain rows."""
         named = [
             tuple(f"{model.name}: {line}" if model.name else line for line in lines)
             for model, lines in zip(self.models, layouts, strict=True)
@@ -68,7 +68,7 @@ class ChainRows:
     def variant_ends(
         self, rows: VariantEnds[ChainModel], schedules: Sequence[Any], stacks: Sequence[Stack[Drive]]
     ) -> VariantEnds[Drive]:
-        """Final states of variants, from those of their chain rows."""
+        """Final states of variants, from those of chain rows."""
         first, causes = self.first_rows[:-1], rows.causes or [""] * len(self.models)
         return VariantEnds(
             self.drives,
@@ -122,7 +122,7 @@ class ChainRows:
 
 
 ChainSprocket = tuple[int, int, int]
-"""A chain's sprocket: its row, body and place among all."""
+"""A chain's sprocket: row, body and place among all."""
 
 
 def _number_trains(packed: PackedEnsemble, rows: range, begin: int) -> None:
@@ -148,11 +148,11 @@ TRAIN_FIELDS = (
     "drive_harmonics",
     "drive_table",
 )
-"""Fields of `structs.Motion` that bodies of a train share over chains."""
+"""Fields of `structs.Motion` that chains' bodies of a train share."""
 
 
 def _tie_body_to(packed: PackedEnsemble, home: int, body: int) -> None:
-    """Ties `body` to `home` of the same shaft in another chain."""
+    """Ties `body` to `home`, on its shaft in another chain."""
     motions = packed.motions
     motions["shaft_offset"][body], motions["own_inertia"][home] = home - body, 0.0
     for name in TRAIN_FIELDS:
@@ -163,7 +163,7 @@ def _tie_body_to(packed: PackedEnsemble, home: int, body: int) -> None:
 
 
 def _sum_contacts_over_chains(packed: PackedEnsemble, members: Sequence[ChainSprocket]) -> None:
-    """Fills a train's contact mobility and effective mass (`struct_rows.tooth_effective_mass`) over chains."""
+    """Fills a train's contact mobility and effective mass over chains."""
     rows, _, sprockets = (np.array(of) for of in zip(*members, strict=True))
     sum_mobility_over_chains(packed, rows, sprockets)
     mass, stopped = packed.chains["mass"][rows], packed.tooth_friction["inertia"]

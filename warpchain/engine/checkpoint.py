@@ -28,14 +28,14 @@ from warpchain.results.schedule import LOOK_EVERY, MOST_STEPS, Schedule
 from warpchain.version import installed_version
 
 MOST_STOPS = 16
-"""Most steps at which a run stops for checkpoints."""
+"""Most stops of a run for checkpoints."""
 FORMAT = 8
 Arrays = Mapping[tuple[str, str], NDArray[Any]]
 
 
 @dataclass(frozen=True)
 class VariantState:
-    """Checkpoint: state of a variant within its run."""
+    """Checkpoint: a variant's state within its run."""
 
     facts: Mapping[str, Any]  # drive, run and step, as JSON
     data: bytes = field(repr=False)  # bytes of its arrays, one after the other
@@ -70,8 +70,8 @@ class States:
 
     Attributes:
         keep: whether to keep states.
-        begin: a state for each variant, None to begin anew; () for none at all.
-        kept: after the run, the state of each variant that came so far.
+        begin: each variant's state, None to begin anew; () for none.
+        kept: after the run, each variant's state that came so far.
         used: after the run, which variants continued from a state.
     """
 
@@ -109,13 +109,13 @@ def _required_facts(drive: Drive, schedule: Schedule, run: str) -> dict[str, Any
 
 
 def latest_stop_step(schedule: Schedule) -> int:
-    """Last step at which a checkpoint can be kept, or 0."""
+    """Last step that allows a checkpoint, or 0."""
     unit = int(DIVERGENCE_CHECK)
     return schedule.window_end // unit * unit
 
 
 def has_usable_sums(kept: VariantState, schedule: Schedule) -> bool:
-    """Whether a run can continue with a checkpoint's sums."""
+    """Whether a checkpoint's sums can be continued."""
     first, last = kept.facts["window"]
     if (
         kept.facts.get("look_every", LOOK_EVERY) != schedule.sample_interval
@@ -127,7 +127,7 @@ def has_usable_sums(kept: VariantState, schedule: Schedule) -> bool:
 
 
 def usable_notes(kept: VariantState, schedule: Schedule) -> list[tuple[int, int]] | None:
-    """Pairs of notes of the longer run and checkpoint, or None."""
+    """Pairs of notes of longer run and checkpoint, or None."""
     first, last = kept.facts["window"]
     every = schedule.sample_interval
     wanted = note_steps(schedule.window_start, schedule.window_end, every)
@@ -147,7 +147,7 @@ def _is_usable(kept: VariantState, drive: Drive, schedule: Schedule, run: str) -
 
 
 def _is_on_cpu(run: str) -> bool:
-    """Whether a checkpoint's `run`, precision and device, is on a CPU."""
+    """Whether a checkpoint's `run` (precision, device) is on a CPU."""
     return run.endswith("cpu")
 
 
@@ -165,7 +165,7 @@ class StateKeeper:
 
     Args:
         states: filled as the run goes.
-        numbers: (V,) of the variants in the run.
+        numbers: (V,) of variants in the run.
         run: precision and kind of device.
     """
 
@@ -192,7 +192,7 @@ class StateKeeper:
         self._ends: dict[int, dict[str, Any]] = {}
 
     def drives_to_settle(self) -> list[Drive]:
-        """Drives of a run, unsettled if they continue from a checkpoint."""
+        """Drives of a run, unsettled if continued from a checkpoint."""
         settled = {"settle": False}
         return [
             drive if kept is None else drive.model_copy(update={"run": drive.run.model_copy(update=settled)})
@@ -200,7 +200,7 @@ class StateKeeper:
         ]
 
     def take_over_settling(self, packed: PackedEnsemble, settled: NDArray[Any], left: NDArray[np.float64]) -> None:
-        """Takes boxes and settling from checkpoints, and notes new ones."""
+        """Takes boxes and settling from checkpoints; notes new ones."""
         for v, kept in enumerate(self.begin):
             if kept is not None:
                 facts = kept.facts
@@ -257,7 +257,7 @@ def _checkpoint_arrays(engine: Engine) -> dict[tuple[str, str], NDArray[Any]]:
 
 
 def _variant_places(packed: PackedEnsemble) -> dict[tuple[str, str], NDArray[np.int64]]:
-    """Places (variants + 1,) of variants' values in checkpoints' arrays."""
+    """Places (variants + 1,) of variants' values in checkpoints."""
     first = first_places(packed.drives)
     rows = {(group, name): row for group in ARRAYS for name, row in ARRAYS[group].items() if row.in_checkpoints}
     return {name: row.width * first[row.dimension] for name, row in rows.items()}
@@ -279,7 +279,7 @@ def _set_variant(
     """Sets variant v in all arrays from its checkpoint.
 
     Raises:
-        SimulationError: a state of another layout.
+        SimulationError: another layout.
     """
     sums, at = has_usable_sums(kept, schedule), 0
     for name, values in arrays.items():

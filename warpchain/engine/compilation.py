@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     import warp as wp
 
 POLL_INTERVAL = 0.05
-"""Seconds between two polls of compiling threads or processes."""
+"""Seconds between polls of compiling threads or processes."""
 
 
 @contextlib.contextmanager
@@ -37,7 +37,7 @@ def load_cpu_kernels(modules: Sequence[Any], report: ProgressReport) -> Iterator
         loads = last_first[::-1]
 
         def wait_for(some: Sequence[Future[Any]]) -> None:
-            """Waits for some kernels' modules, reporting progress; raises their errors."""
+            """Waits for kernels' modules, reporting progress; raises their errors."""
             going = True
             while going:
                 going = bool(wait(some, timeout=POLL_INTERVAL).not_done)
@@ -52,11 +52,11 @@ def load_cpu_kernels(modules: Sequence[Any], report: ProgressReport) -> Iterator
 
 
 PORTABLE_PROCESSOR = "x86-64-v3"
-"""Processors that a portable object file runs on: with AVX2, FMA and BMI2."""
+"""Processors of a portable object file: with AVX2, FMA and BMI2."""
 
 
 def portable_object(kernel: wp.Kernel) -> tuple[Path, str]:
-    """Object file of a CPU kernel for any `PORTABLE_PROCESSOR`, compiled if need be, and its symbol."""
+    """Object file, compiled if need be, of a CPU kernel for `PORTABLE_PROCESSOR`, and its symbol."""
     import warp as wp
 
     module = kernel.module

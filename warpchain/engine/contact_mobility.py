@@ -1,8 +1,8 @@
-"""Contact mobility of bodies under the dampers of all their contacts at once: G of `kernels.physics.impact`,
+"""Contact mobility of bodies under dampers of all contacts at once: G of `kernels.physics.impact`,
 
     G = 2 m sum n (mobility),
 
-with n rollers seated, over the train and all that an arm carries. Mobilities are (R + b)^2 / J of a sprocket with its
+with n rollers seated, over the train and all that an arm carries; mobilities are (R + b)^2 / J of a sprocket with its
 train, 1 / M of a center on springs, r^2 / I of an arm.
 """
 
@@ -26,7 +26,7 @@ from warpchain.model.trains import is_free_body, train_inertia, train_of_body
 def fill_contact_mobility(
     packed: PackedEnsemble, rows: NDArray[np.integer], model: ChainModel, assembly: Assembly
 ) -> None:
-    """Fills contact mobility G of a stack's variants at `rows`."""
+    """Fills contact mobility G of a stack's variants."""
     seated = [(assembly.seat_sprocket == s).sum(axis=-1) for s in range(len(model.sprockets))]
     arms = [squared_levers(model, a, seated) / model.arm_inertia(a) for a in range(len(model.arms))]
     turning = [_turning_mobility(model, s) * n for s, n in enumerate(seated)]
@@ -45,7 +45,7 @@ def fill_contact_mobility(
 
 
 def sum_mobility_over_chains(packed: PackedEnsemble, owners: NDArray[np.int64], places: NDArray[np.int64]) -> None:
-    """Sums contact mobility G of a train over its chains."""
+    """Sums contact mobility G of a train over chains."""
     laws = packed.sprockets["law"]
     own = laws["answer"][places] / packed.chains["mass"][owners]
     total = sum(own[owners == row].max() for row in np.unique(owners))

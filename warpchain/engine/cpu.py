@@ -1,4 +1,4 @@
-"""CPU engine: an ensemble in the machine's memory, its variants spread over a pool of threads."""
+"""CPU engine: an ensemble in the machine's memory, its variants spread over threads."""
 
 from __future__ import annotations
 
@@ -18,10 +18,10 @@ from warpchain.kernels.cpu.advance import IS_KEPT, KEEP, SCRATCH_ROWS, advance_k
 from warpchain.kernels.cpu.relax import relax_kernel
 
 CAPACITIES = (264, 1048, 4120, 16408, 65560)
-"""Row lengths of the CPU's scratch, each with a kernel."""
+"""Row lengths of the CPU's scratch, a kernel each."""
 
 SPARE_VALUES = 32
-"""Spare values of a CPU scratch row, for whole lanes."""
+"""Spare values of CPU scratch rows, for whole lanes."""
 
 
 def cpu_kernel(name: str, packed: PackedEnsemble, precision: str) -> Any:
@@ -34,13 +34,7 @@ def cpu_kernel(name: str, packed: PackedEnsemble, precision: str) -> Any:
 
 
 class PreparedLaunch:
-    """Launch of the kernel "advance" that is called again and again, without Warp's checks of its arguments.
-
-    Attributes:
-        bounds: of the launch.
-        arguments: of the kernel, by name.
-        scratch: that it uses.
-    """
+    """Launch of the kernel "advance", repeated without Warp's checks of arguments."""
 
     def __init__(self, command: Any, scratch: wp.array) -> None:
         self.bounds, *values = command.params
@@ -51,7 +45,7 @@ class PreparedLaunch:
         self._places = ctypes.byref(self.bounds), ctypes.byref(self.arguments)
 
     def launch(self, steps: int, kept: int) -> None:
-        """Takes all rows so many steps on, with bits `KEEP` and `IS_KEPT`."""
+        """Takes all rows so many steps on, by bits `KEEP`, `IS_KEPT`."""
         self.arguments.steps, self.arguments.kept = steps, kept
         self._command.hooks.forward(*self._places)
 
@@ -128,7 +122,7 @@ class CpuEngine(Engine):
     def _step_here(self, steps: int, frames: wp.array) -> None:
         """Takes all rows so many steps on in this thread.
 
-        One variant alone stays in the scratch, until something else is to read its state.
+        One variant alone stays in the scratch, until its state is read.
         """
         if self._prepared is None or self._prepared[1] is not frames:
             self._put_back()
@@ -137,7 +131,7 @@ class CpuEngine(Engine):
         self._is_kept = self._keeps
 
     def _put_back(self) -> None:
-        """Has the variant that stays in the scratch in the state, too, as at a launch's end."""
+        """Copies a variant that stays in the scratch into the state."""
         if self._is_kept and self._prepared is not None:
             self._prepared[0].launch(0, int(IS_KEPT))
             self._is_kept = False

@@ -1,12 +1,4 @@
-"""Device choice between the CPU, a GPU and all GPUs, by estimated times.
-
-For variants of n rollers and w steps, c cores of r roller-steps a second, k GPUs of r when full, l of a small step,
-
-    t_cpu = max(most of w n, (sum of w n) / c) / r                                                            (1)
-    t_gpu = start + sqrt((l (most of w))^2 + ((sum of w n) / (k r))^2)                                        (2)
-
-and kernels to compile on top.
-"""
+"""Device choice between the CPU, a GPU and all GPUs, by estimated times (docs/devices.md)."""
 
 from __future__ import annotations
 
@@ -24,13 +16,13 @@ if TYPE_CHECKING:
     from warpchain.engine.packed_ensemble import PackedEnsemble
 
 CORE_RATE = 8e7
-"""Roller-steps a second of a CPU core (docs/performance.md)."""
+"""Roller-steps a second of a core (docs/performance.md)."""
 GPU_START = 0.1
 """Seconds until a GPU begins."""
 METRICS_FACTOR = 1.5
 COMPILE_SECONDS = {"cpu": 8.0, "gpu": 10.0}
 EQUAL_WITHIN = 1.05
-"""Factor within which estimated times count as equal."""
+"""Factor within which estimated times are equal."""
 
 
 class DeviceChoice(NamedTuple):
@@ -43,7 +35,7 @@ class DeviceChoice(NamedTuple):
 def fastest_devices(
     gpus: Sequence[str], packed: PackedEnsemble, precision: str, cores: int, times: float = 1.0
 ) -> DeviceChoice:
-    """Choice of CPU or GPUs estimated to finish first; within `EQUAL_WITHIN` the fewest."""
+    """CPU or GPUs estimated to finish first; within `EQUAL_WITHIN` the fewest."""
     choices = dict.fromkeys([("cpu",), (gpus[0],), tuple(gpus)])
     found = {devices: estimated_seconds(devices, packed, precision, cores, times) for devices in choices}
     asked = set[str]()
@@ -62,7 +54,7 @@ def fastest_devices(
 def estimated_seconds(
     devices: Sequence[str], packed: PackedEnsemble, precision: str, cores: int, times: float = 1.0
 ) -> float:
-    """Estimated time [s] of an ensemble's steps on devices, (1), (2)."""
+    """Estimated time [s] of steps on devices (docs/devices.md)."""
     drives = packed.drives
     window = np.minimum(drives["window_end"], drives["steps"]) - drives["window_start"] + 1.0
     steps = drives["steps"] + (METRICS_FACTOR - 1.0) * np.maximum(window, 0.0)
@@ -74,7 +66,7 @@ def estimated_seconds(
 
 
 def gpu_speed(device: str, precision: str) -> tuple[float, float]:
-    """Roller-steps a second of a full GPU, and time of a small step [s]."""
+    """Roller-steps a second of a full GPU, and a small step's time [s]."""
     import warp as wp
 
     gpu, single = wp.get_device(device), precision == "float32"
@@ -84,7 +76,7 @@ def gpu_speed(device: str, precision: str) -> tuple[float, float]:
 
 
 def has_uncompiled_kernels(device: str, packed: PackedEnsemble, precision: str) -> bool:
-    """Whether a device's kernels for a run are not compiled yet."""
+    """Whether a run's kernels on a device need compiling."""
     if device == "cpu":
         from warpchain.engine.cpu import cpu_kernel
 

@@ -1,4 +1,4 @@
-"""Devices by name, and the engines, kernels and limits of launches on them."""
+"""Devices by name, and engines, kernels and launch limits on them."""
 
 from __future__ import annotations
 
@@ -144,7 +144,7 @@ def load_run_kernels(
 
 
 def launch_step_limit(device: str, packed: PackedEnsemble, wanted: int) -> int:
-    """Most steps of a launch on a device, up to `wanted`."""
+    """Most steps of a device's launch, up to `wanted`."""
     if device == "cpu":
         from warpchain.kernels.sums import MERGE_EVERY
 
@@ -156,7 +156,7 @@ def launch_step_limit(device: str, packed: PackedEnsemble, wanted: int) -> int:
 
 
 def launch_frame_bytes(device: str) -> int | None:
-    """Most bytes of a launch's frames on a device, or None."""
+    """Most bytes of frames of a device's launch, or None."""
     if device == "cpu":
         return None
     from warpchain.engine.gpu import FRAME_BYTES

@@ -1,4 +1,4 @@
-"""End states of variants: rollers on the teeth, and the cause of divergence."""
+"""End states of variants: rollers on teeth, and causes of divergence."""
 
 from __future__ import annotations
 
@@ -16,10 +16,10 @@ from warpchain.model import ChainModel
 from warpchain.model.stacks import Stack, stacks_of_drives
 
 ON_TOP = 0.5
-"""Height above tooth tips, in radii, of a roller off the teeth."""
+"""Height above tips, in radii, of rollers off the teeth."""
 
 TORN = 2.0
-"""Length of a link over its own from which chains are torn."""
+"""Length of a torn chain's link over its own."""
 
 
 def engaged_fractions(
@@ -27,7 +27,7 @@ def engaged_fractions(
 ) -> NDArray[np.float64]:
     """Engaged rollers (V, S) on sprockets over assembled ones, or NaN.
 
-    Engaged: within half a pitch inward of the pitch circle, and `ON_TOP` outward of the tips.
+    Engaged: within half a pitch inside the pitch circle, `ON_TOP` outside the tips.
     """
     packed = engine.packed
     counts = packed.drives["sprockets"].astype(np.int64)
@@ -48,7 +48,7 @@ def engaged_fractions(
 
 
 def divergence_causes(engine: Engine, models: Sequence[ChainModel], diverged: NDArray[np.bool_]) -> list[str]:
-    """Causes (V,) of divergence, of `results.judgement.DIVERGENCE_CAUSES`; "" for none."""
+    """Causes (V,) of divergence (`results.judgement.DIVERGENCE_CAUSES`), "" for none."""
     packed, causes = engine.packed, [""] * len(models)
     if not diverged.any():
         return causes

@@ -1,6 +1,6 @@
 """`export_fmu`: a drive as an FMU, which other programs co-simulate without Python and Warp.
 
-It has the CPU kernel's code and its first launch's memory, linked with `fmu_shell.c` by the system's compiler.
+It has the CPU kernel's code and first launch's memory, linked with `fmu_shell.c` by the system's compiler.
 """
 
 from __future__ import annotations
@@ -30,9 +30,9 @@ if TYPE_CHECKING:
 PLATFORM = "x86_64-linux"
 SHELL = Path(__file__).with_name("fmu_shell.c")
 COMPILERS = ("cc", "gcc", "clang")
-"""C compilers that are looked for where CC names none."""
+"""C compilers that are tried without CC."""
 EXPORTED = "{ global: fmi3*; local: *; };\n"
-"""Linker's script with an FMU's names that importers see."""
+"""Linker's script of an FMU's visible names."""
 
 
 @check_arguments(SimulationError)
@@ -46,12 +46,12 @@ def export_fmu(
 ) -> Path:
     """Exports a drive as an FMU (FMI 3.0, co-simulation, x86-64 Linux); returns its path.
 
-    It has the bits of `simulate` on a CPU. Needs a C compiler here, and nothing where it is used.
+    It has the bits of `simulate` on a CPU, and needs a C compiler here, but nothing where used.
 
     Args:
         output: the file, which ends in .fmu.
-        inputs: as of `stepping`; None takes the torques of all loads, such as "driven.load_torque".
-        outputs: as of `stepping`; None takes all channels but those of rollers and links.
+        inputs: as of `stepping`; None: torques of all loads, such as "driven.load_torque".
+        outputs: as of `stepping`; None: all channels but those of rollers and links.
         step: as of `simulate`.
 
     Raises:
@@ -85,7 +85,7 @@ def export_fmu(
 
 
 def compiler_command() -> list[str]:
-    """Command of the system's C compiler, as words, or SimulationError."""
+    """Command of the system's C compiler, or SimulationError."""
     named = shlex.split(os.environ.get("CC", ""))
     for words in [named] if named else [[name] for name in COMPILERS]:
         if shutil.which(words[0]):
@@ -127,7 +127,7 @@ def _write_fmu(file: IO[bytes], run: SteppedRun, drive: Drive, compiler: Sequenc
 
 
 def _linked_library(compiler: Sequence[str], code: Path, parts: dict[str, bytes]) -> bytes:
-    """Shared library of an FMU's shell, its included files `parts`, and a kernel's object file."""
+    """Shared library of an FMU's shell, included files `parts`, and a kernel's object file."""
     with tempfile.TemporaryDirectory(prefix="warpchain-fmu-") as folder:
         for name, content in (parts | {"exported.map": EXPORTED.encode()}).items():
             Path(folder, name).write_bytes(content)

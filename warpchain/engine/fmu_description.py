@@ -1,4 +1,4 @@
-"""Model description of an FMU (FMI 3.0): its variables, units and capabilities as XML."""
+"""Model description of an FMU (FMI 3.0): variables, units and capabilities as XML."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ class Variable:
 
 
 def input_variables(port: InputPort, starts: Sequence[float]) -> list[Variable]:
-    """Variables of an FMU's input: one, or x and y of a place."""
+    """Variables of an FMU's input: one, or a place's x and y."""
     part, _, kind = port.name.rpartition(".")
     text = f"{kind.replace('_', ' ')} of {part}; until it is set the drive has its own"
     names = [f"{port.name}.{axis}" for axis in AXIS_LABELS] if port.kind.is_led else [port.name]
@@ -46,7 +46,7 @@ def input_variables(port: InputPort, starts: Sequence[float]) -> list[Variable]:
 
 
 def output_variables(port: OutputPort, drive: Drive) -> list[Variable]:
-    """Variables of an FMU's output in order: PART.CHANNEL, or CHANNEL.I of rollers and links."""
+    """Variables of an FMU's output: PART.CHANNEL, or CHANNEL.I of rollers and links."""
     part, _, name = port.name.rpartition(".")
     channel = CHANNEL_BY_NAME[name]
     if part:
@@ -60,7 +60,7 @@ def output_variables(port: OutputPort, drive: Drive) -> list[Variable]:
 
 
 def check_names(variables: Sequence[Variable]) -> None:
-    """Raises SimulationError for FMU variables of one name."""
+    """Raises SimulationError for FMU variables named alike."""
     names = [variable.name for variable in variables]
     for name in names:
         if names.count(name) > 1:
@@ -78,9 +78,9 @@ def model_description(
     """XML model description of an FMU; value references are 0 of time, then inputs', then outputs'.
 
     Args:
-        identifiers: name of its library, and its instantiation token.
+        identifiers: library's name, and instantiation token.
         step: time step h [s].
-        interval: default steps of a communication step.
+        interval: default steps between communications.
     """
     library, token = identifiers
     top = ElementTree.Element("fmiModelDescription", {

@@ -1,4 +1,4 @@
-"""Image of an exported drive: the memory of a kernel's launch as bytes, and the C header of its layout."""
+"""Image of an exported drive: a kernel launch's memory as bytes, and the C header of its layout."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ class Image:
     """Memory image of a launch.
 
     Attributes:
-        content: its bytes, without scratch.
+        content: bytes, without scratch.
         pointers: (where, to what) in it.
         places: of arrays, by group and name, and "arguments", "steps", "frames".
         scratch: bytes of scratch behind it.
@@ -119,7 +119,7 @@ def image_header(
 
 
 def c_number(value: float) -> str:
-    """C literal of a number, exact to the last bit."""
+    """C literal of a number, exact in every bit."""
     return float(value).hex() if np.isfinite(value) else "-INFINITY" if value < 0.0 else "INFINITY"
 
 
@@ -141,7 +141,7 @@ def _offset_lines(image: Image, engine: CpuEngine, port: InputPort, number: int)
 
 
 def _input_row(engine: CpuEngine, port: InputPort, number: int, value: int) -> str:
-    """C initializer of an input whose first value has number `value`."""
+    """C initializer of an input, numbered from `value`."""
     packed, kind, first = engine.packed, port.kind, int(port.first_rows[0])
     axes = port.places.shape[1]
     name, beside = kind.replaced

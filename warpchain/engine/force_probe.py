@@ -22,12 +22,12 @@ Array = NDArray[np.float64]
 
 PROBE_STEP = 2.0**21
 COPIES = 32
-"""Copies that a force probe evaluates in one launch."""
+"""Copies of one launch of a force probe."""
 
 
 @dataclass
 class ProbeStates:
-    """States of copies of a drive in a force probe."""
+    """States of a drive's copies in a force probe."""
 
     position: Array  # (copies, N, 2) of the rollers [m]
     velocity: Array  # (copies, N, 2) of the rollers [m/s]
@@ -38,7 +38,7 @@ class ProbeStates:
 
 @dataclass(frozen=True)
 class BodyFreedom:
-    """Free directions of a body in a force probe, and its inertia."""
+    """Free directions and inertia of a body in a force probe."""
 
     free: Array  # (3, k) free directions of (x, y, theta), as columns
     inertia: Array  # (3, 3) mass matrix in (x, y, theta)
@@ -110,7 +110,7 @@ class ForceProbe:
         return BodyFreedom(np.hstack([slides, turns]), inertia)
 
     def arm_joints(self, angles: Array) -> list[tuple[int, int, float]]:
-        """Arms on arms: their bodies, carriers and d.s [kg m^2]."""
+        """Arms on arms: bodies, carriers and d.s [kg m^2]."""
         found, first = [], self.body_count - int(self.base.drives["arms"][0])
         for b, arm in enumerate(self.base.arms[: self.body_count - first], first):
             if arm["on"]:
@@ -137,7 +137,7 @@ class ForceProbe:
         return float(((motions["ratio"][train] / motions["ratio"][b]) ** 2 * cams["inertia"][train]).sum())
 
     def train_angles(self, b: int) -> Array:
-        """Angles (B,), of norm 1, of the bodies of body b's train."""
+        """Angles (B,), normalized, of the bodies of body b's train."""
         motions = self.base.motions[: self.body_count]
         if not self.base.drives["tied"][0] or motions["train"][b] < 0:
             return np.ones(1)

@@ -1,7 +1,6 @@
 """GPU engine: an ensemble in one GPU's memory, one block of threads a variant.
 
-Variants with like numbers of rollers and sprockets go into one launch (`launches`). Frames come back on a stream of
-their own.
+Variants of like sizes share a launch (`launches`). Frames come back on their own stream.
 """
 
 from __future__ import annotations
@@ -62,7 +61,6 @@ STREAMS = 4
 """Streams of GPU launches side by side."""
 
 KERNEL_LOCK = Lock()
-"""Lock to make and load GPU kernels."""
 
 LAUNCH_STEPS = 131_072
 """Most steps of one GPU launch."""
@@ -71,23 +69,23 @@ MOST_GRAPHS = 16
 """Most lengths of pieces whose graphs are kept."""
 
 MOST_LINKS = 16 * ROLLER_CAPACITIES[-1]
-"""Links of the longest chain that a GPU takes."""
+"""Links of the longest chain on a GPU."""
 
 MOST_PARTNERS = BITS
 """Most sprockets and guides of a drive on a GPU."""
 
 
 def gpu_launch_steps(rollers: float, wanted: int) -> int:
-    """Number of steps of a GPU launch, `wanted` at most.
+    """Steps of a GPU launch, `wanted` at most.
 
-    Whole multiples of `STEP_UNIT`, so that results do not depend on where launches end.
+    Multiples of `STEP_UNIT`, so that results do not depend on where launches end.
     """
     steps = min(wanted, LAUNCH_STEPS, int(LAUNCH_WORK / rollers))
     return max(STEP_UNIT, steps // STEP_UNIT * STEP_UNIT) if wanted >= STEP_UNIT else wanted
 
 
 def gpu_refusal(packed: PackedEnsemble, numbers: NDArray[np.int64] | None = None) -> str | None:
-    """Reason why a GPU cannot run an ensemble, or None."""
+    """Why a GPU cannot run an ensemble, or None."""
     drives, begins = packed.drives, packed.first_rows
     for count, most, words in (
         (drives["rollers"], MOST_LINKS, "chain.links = {}"),
@@ -140,7 +138,7 @@ def compile_missing_kernels(
     """Compiles a run's GPU kernels that Warp's cache lacks.
 
     Args:
-        settles: whether any variant is to be settled.
+        settles: whether any variant settles.
         cores, report, stop: as in `compilation.compile_in_processes`.
     """
     with KERNEL_LOCK:
@@ -154,7 +152,7 @@ class FrameBuffer:
     """Frame buffer of a GPU launch, on device and host.
 
     Attributes:
-        wanted: places of the four-byte words that are read after a piece, on the device; None: all.
+        wanted: places on the device of four-byte words that are read after a piece; None: all.
     """
 
     def __init__(
@@ -182,13 +180,13 @@ class FrameBuffer:
 
 @dataclass(frozen=True)
 class PieceGraph:
-    """CUDA graph that takes variants so many steps on from wherever they all are, inputs and outputs included.
+    """CUDA graph that takes variants so many steps on from wherever they are, with inputs and outputs.
 
     Attributes:
         graph: of copies and launches.
         arrays: that the graph reads and writes, kept alive.
-        ends: end steps and start steps of the launches, pinned on the host.
-        beyond: what they are beyond the present step.
+        ends: end steps and start steps of launches, pinned on the host.
+        beyond: how far these are beyond the present step.
     """
 
     graph: wp.Graph
@@ -234,7 +232,7 @@ class GpuEngine(GpuKernels, Engine):
         self._settling_states: NDArray[Any] = np.zeros(0)
 
     def _explain_failures(self) -> AbstractContextManager[None]:
-        """Context that turns the GPU's errors into those of the package."""
+        """Context that turns the GPU's errors into the package's."""
         return explain_gpu_failures(self.device, self.packed.variants)
 
     def _load_kernels(self, *names: str) -> None:
@@ -262,7 +260,7 @@ class GpuEngine(GpuKernels, Engine):
         wp.launch(made.kernel, dim=dim, inputs=[*inputs], block_dim=block, device=self.device, stream=stream)
 
     def _launch_sequences(self, share: NDArray[np.integer]) -> list[tuple[bool, Bucket, list[Launch]]]:
-        """Launches that take variants `share` (V,) steps, by bucket."""
+        """Launches that take `share` (V,) steps, by bucket."""
         drives, step, lanes = self.packed.drives, self._progress["step"], []
         begins = metrics_start_steps(drives, step)
         for bucket, apart in zip(self.buckets, self._in_global_memory, strict=True):
@@ -331,7 +329,7 @@ class GpuEngine(GpuKernels, Engine):
         return "measure" if last_begin <= first <= first_end else None
 
     def _capture_piece(self, steps: int, frames: FrameBuffer) -> PieceGraph:
-        """Graph that takes all variants so many steps on: inputs up, launches, frames and progress back."""
+        """Graph that takes all variants so many steps on: inputs, launches, frames, progress."""
         step = self._progress["step"]
         lanes = self._launch_sequences(np.full(len(step), steps))
         device, columns = self._upload_launches(lanes)
@@ -353,7 +351,7 @@ class GpuEngine(GpuKernels, Engine):
         return PieceGraph(graph, (device, host), ends, ends.astype(np.int64) - int(step[0]))
 
     def _copy_by_kernel(self, source: wp.array, target: wp.array, wanted: wp.array | None = None) -> None:
-        """Copies an array, or its words at `wanted` places, between the device and pinned memory of the host."""
+        """Copies an array, or its words at `wanted` places, between device and pinned host memory."""
         count = len(source) * source.strides[0] // 4
         words: list[wp.array] = [
             wp.array(ptr=of.ptr, shape=count, dtype=wp.uint32, device=self.device) for of in (source, target)
@@ -370,7 +368,7 @@ class GpuEngine(GpuKernels, Engine):
         columns: Iterable[list[wp.array]],
         frames: FrameBuffer,
     ) -> None:
-        """Makes launches on several streams, each with its arrays of variants and steps; the first waits for all."""
+        """Makes GPU launches on several streams, each with its variants and steps; the first waits for all."""
         begun = self.stream.record_event()
         for stream in self._others:
             stream.wait_event(begun)
@@ -386,7 +384,7 @@ class GpuEngine(GpuKernels, Engine):
     def _upload_launches(
         self, lanes: Sequence[tuple[bool, Bucket, list[Launch]]]
     ) -> tuple[wp.array, list[list[wp.array]]]:
-        """Device array of the launches' variants, end steps and start steps, and each launch's parts of it."""
+        """Device array of launches' variants, end steps and start steps, and each launch's parts."""
         launches = [launch for _, _, of in lanes for launch in of]
         cuts = np.cumsum([0, *(len(launch.variants) for launch in launches)]).tolist()
         values = [np.zeros(0, dtype=np.int32), *(launch[column] for column in (1, 2, 3) for launch in launches)]
@@ -450,7 +448,7 @@ class GpuEngine(GpuKernels, Engine):
             )
 
     def _copy_input_tables(self) -> None:
-        """Copies the tables of inputs to the device, as they stand when the stream comes to it."""
+        """Copies inputs' tables to the device, as they stand when the stream comes there."""
         if self._input_tables is not None:
             tables, count = self.ensemble.tables, len(self._input_tables)
             wp.copy(tables, self._input_tables, dest_offset=len(tables) - count, count=count, stream=self.stream)

@@ -1,4 +1,4 @@
-"""GPU kernels and blocks for the variants of an ensemble, in buckets of like variants."""
+"""GPU kernels and blocks for an ensemble's variants, in buckets of like ones."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ FULL_AT_FLOAT32 = 15
 """Variants of a GPU block with oil at float32."""
 
 TALLY_SUM_THREADS = 256
-"""Threads of a GPU block that adds up tallies."""
+"""Threads of a GPU block that sums tallies."""
 
 CAM_STEP = 8
 """Step in the number of cams that GPU kernels hold."""
@@ -141,7 +141,7 @@ def kind_with_shared_blocks(kind: BlockKind, most_shared: int, each: int) -> Blo
 
 
 def kernel_kind(name: str, bucket: Bucket) -> BlockKind:
-    """GPU block kind of a bucket's kernel "advance", "measure" or "relax"."""
+    """GPU block kind of a bucket's "advance", "measure" or "relax"."""
     kind = bucket.kind
     if name == "relax":  # by one kernel, however many there are and whatever else they have
         parts = replace(
@@ -251,7 +251,7 @@ def _distinct_rows(keys: NDArray[np.integer]) -> list[tuple[Any, ...]]:
 
 
 class BucketKernel(NamedTuple):
-    """GPU kernel of a bucket, kind, resident variants, and specification."""
+    """GPU kernel of a bucket: kind, resident variants, specification."""
 
     kernel: Any
     kind: BlockKind
@@ -282,7 +282,7 @@ class GpuKernels:
         )
 
     def _make_buckets(self, columns: Mapping[str, NDArray[Any]], rows: NDArray[np.integer]) -> list[Bucket]:
-        """Buckets of variants or chains for GPU kernels, the longest first."""
+        """Buckets of variants or chains for GPU kernels, longest first."""
         packed = self.packed
         keys = np.column_stack(list(columns.values()))
         buckets = []

@@ -1,15 +1,15 @@
-"""Inputs of a stepped run: what is written into an ensemble's constant data between launches.
+"""Inputs of a stepped run, written into an ensemble's constant data between launches.
 
-An input is a table of one cell over time, which kernels read as they read a drive's own tables. From t_0 to t_1 it goes
-from v_0 to v_1 along a line, then it is held:
+An input is a table of one cell over time, which kernels read as a drive's own. It goes from v_0 at t_0 to v_1 at t_1
+along a line, then is held:
 
     v = v_0 + (v_1 - v_0) w,    w = min((t - t_0) / (t_1 - t_0), 1)                                        (1)
 
-One that is held at once has t_0 = 0, t_1 = 1 s and v_0 = v_1. A speed keeps the angle phi turned up to t, so that its
-table's integral begins at phi_0 = phi(t) less that of (1) up to t. A force is no table, but the preload of a tensioner.
+Held at once: t_0 = 0, t_1 = 1 s, v_0 = v_1. A speed keeps the angle phi turned up to t: its table's integral begins at
+phi_0 = phi(t) less that of (1) up to t. A force is the preload of a tensioner.
 
-A jump of a center's velocity would be a blow that kernels know nothing of. Centers and pivots go on at the velocity u
-that they have, and come to rest after T = t_1 - t_0, by the cubic
+As kernels cannot take a jump of a center's velocity, centers and pivots go on at their velocity u and come to rest
+after T = t_1 - t_0, by the cubic
 
     v = v_0 + u T w + (3 D - 2 u T) w^2 + (u T - 2 D) w^3,    D = v_1 - v_0.                               (2)
 """
@@ -35,12 +35,12 @@ from warpchain.model.trains import prescribed_leader
 Values = NDArray[np.float64]
 CELL = int(CELL_VALUES)
 TABLE_VALUES = CELL + 1
-"""Values of an input's table: of one cell, and one behind the last that kernels read."""
+"""Values of an input's table: one cell, and one behind it that kernels read."""
 
 
 @dataclass(frozen=True)
 class InputKind:
-    """Kind of input: its unit, the parts that have it, and where kernels read it."""
+    """Kind of input: unit, parts, and where kernels read it."""
 
     name: str
     unit: str
@@ -62,7 +62,6 @@ _KINDS = (
     InputKind("force", "N", "tensioners with a spring", "tensioners", (), ("preload", 0.0), 0.0),
 )
 KINDS = {kind.name: kind for kind in _KINDS}
-"""Kinds of inputs by name."""
 
 
 @dataclass
@@ -73,12 +72,12 @@ class InputPort:
         name: PART.KIND.
         rows: (R,) rows of the packed array that have it; of a train, several of a variant.
         owners: (R,) their variants.
-        places: (V, axes) where its tables stand among the ensemble's.
+        places: (V, axes) of its tables among the ensemble's.
         start, end: (V,) t_0 and t_1 [s].
-        before, after: (V, axes) v_0 and v_1, NaN until it is set.
+        before, after: (V, axes) v_0 and v_1, NaN until set.
         pace: (V, axes) u T of a center, else 0.
         turned: (V,) phi_0 of a speed [rad].
-        is_held: whether it was last set at once.
+        is_held: whether last set at once.
     """
 
     name: str
@@ -107,11 +106,11 @@ class InputPort:
 
     @property
     def is_plainly_held(self) -> bool:
-        """Whether another value to hold is one number of its table alone."""
+        """Whether another value to hold is one number of its table."""
         return self.is_held and self.kind.name != "speed"
 
     def hold(self, value: float, tables: NDArray[Any]) -> None:
-        """Holds one value for all variants, once the input `is_plainly_held`; `tables` are those that kernels read."""
+        """Holds one value for all variants in kernels' `tables`, once the input `is_plainly_held`."""
         self.before.fill(value)
         self.after.fill(value)
         if self.places.size == 1:
@@ -120,10 +119,10 @@ class InputPort:
             tables[self.places] = value
 
     def value_at(self, packed: PackedEnsemble, time: Values) -> Values:
-        """Value (V, axes) at `time` (V,), the drive's own until it is set.
+        """Value (V, axes) at `time` (V,), the drive's own until set.
 
         Raises:
-            SimulationError: the drive's own is a table over angle or speed.
+            SimulationError: its own is a table over angle or speed.
         """
         if not self.is_set:
             return self._own_values(packed, time)
@@ -152,7 +151,7 @@ class InputPort:
         return rate * (c1 + w * (2.0 * c2 + w * 3.0 * c3))
 
     def set_values(self, packed: PackedEnsemble, values: Values, time: Values, end: Values | None) -> set[str]:
-        """Sets the input in `packed`; returns the names of arrays that have changed.
+        """Sets the input in `packed`; returns the names of changed arrays.
 
         Args:
             values: (V, axes).
@@ -191,7 +190,7 @@ class InputPort:
         return self.rows[np.searchsorted(self.owners, np.arange(len(self.places)))]
 
     def _write_rows(self, packed: PackedEnsemble) -> None:
-        """Writes where the tables stand, and over which time, into the rows."""
+        """Writes places and times of the tables into the rows."""
         array, (name, value) = packed_array(packed, self), self.kind.replaced
         for axis, of in enumerate(self.kind.tables):
             table = array[of]
@@ -224,7 +223,7 @@ class InputPort:
         return np.asarray(np.where(has, both, constant))[:, None]
 
     def _angle_turned(self, packed: PackedEnsemble, time: Values) -> Values:
-        """Angle phi (V,) that a prescribed body has turned at `time`, without harmonics [rad]."""
+        """Angle phi (V,) [rad] of a prescribed body at `time`, without harmonics."""
         if not self.is_set:
             return own_course(packed, self.first_rows, time)[0]
         span, first, last = self.end - self.start, self.before[:, 0], self.after[:, 0]
@@ -239,7 +238,7 @@ def packed_array(packed: PackedEnsemble, port: InputPort) -> NDArray[Any]:
 
 
 def table_value(tables: NDArray[np.floating], table: Any, x: float) -> tuple[float, float, float]:
-    """Value of a packed table at `x`, its slope and its integral from 0, as `kernels.physics.motion`; 0 for none."""
+    """Value, slope, and integral from 0, of a packed table at `x`; 0 for none."""
     cells, first, spacing = int(table["cells"]), int(table["first"]), float(table["spacing"])
     if not cells:
         return 0.0, 0.0, 0.0
@@ -257,7 +256,7 @@ def table_value(tables: NDArray[np.floating], table: Any, x: float) -> tuple[flo
 
 
 def own_center(packed: PackedEnsemble, bodies: NDArray[np.int64], time: Values) -> tuple[Values, Values]:
-    """Displacement [m] and velocity [m/s] (V, 2) of led centers by their drives' own motion."""
+    """Displacement [m] and velocity [m/s] (V, 2) of led centers by their own motion."""
     mounts = packed.mounts[bodies]
     argument, direction = mounts["frequency"] * time + mounts["phase"], mounts["direction"]
     place = (mounts["offset"] + mounts["amplitude"] * np.sin(argument))[:, None] * direction
@@ -269,7 +268,7 @@ def own_center(packed: PackedEnsemble, bodies: NDArray[np.int64], time: Values) 
 
 
 def own_course(packed: PackedEnsemble, bodies: NDArray[np.int64], time: Values) -> tuple[Values, Values]:
-    """Angle [rad] and rate [rad/s] (V,) of prescribed bodies by their drives' own motion, without harmonics."""
+    """Angle [rad] and rate [rad/s] (V,) of prescribed bodies by their own motion, without harmonics."""
     motions = packed.motions[bodies]
     duration = np.where(motions["ramp_time"] > 0.0, motions["ramp_time"], 1.0)
     u = np.where(motions["ramp_time"] > 0.0, np.minimum(time / duration, 1.0), 1.0)
@@ -282,7 +281,7 @@ def own_course(packed: PackedEnsemble, bodies: NDArray[np.int64], time: Values) 
 
 
 def make_ports(names: Sequence[str], rows: ChainRows, packed: PackedEnsemble) -> dict[str, InputPort]:
-    """Inputs by name, whose tables are appended to those of `packed`.
+    """Inputs by name, their tables appended to those of `packed`.
 
     Raises:
         SimulationError: an unknown input, or a variant without its part.
@@ -330,7 +329,7 @@ def _missing_words(of: str, part: str, drive: Any, v: int) -> str:
 
 
 def _port_rows(of: str, part: str, rows: ChainRows, v: int, packed: PackedEnsemble) -> Iterator[int]:
-    """Rows of variant v's parts that an input is written into."""
+    """Rows of variant v's parts that an input sets."""
     for r in range(int(rows.first_rows[v]), int(rows.first_rows[v + 1])):
         model, at = rows.models[r], packed.drives[r]
         if of == "speed":
@@ -355,7 +354,7 @@ def _port_rows(of: str, part: str, rows: ChainRows, v: int, packed: PackedEnsemb
 
 
 def _takes(of: str, row: int, packed: PackedEnsemble) -> bool:
-    """Whether a body takes a load, where it is at home, or has a led center."""
+    """Whether a body takes a load, at its home, or has a led center."""
     if of == "center":
         return bool(packed.mounts["moves"][row] == PRESCRIBED)
     motion = packed.motions[row]
@@ -368,7 +367,7 @@ def _body_names(model: ChainModel) -> list[str]:
 
 
 def _led_bodies(part: str, model: ChainModel, at: Any, packed: PackedEnsemble) -> Iterator[int]:
-    """Bodies of a chain whose angle follows that of a prescribed part."""
+    """Bodies of a chain that follow a prescribed part's angle."""
     names = _body_names(model)
     for b in range(len(names)):
         row, leader = int(at["first_body"]) + b, prescribed_leader(model, b)

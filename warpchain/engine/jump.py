@@ -28,7 +28,7 @@ Direction = Literal["forward", "reverse"]
 BOTH: tuple[Direction, ...] = ("forward", "reverse")
 UNITS = {"torque": "N m", "wear": "1"}
 MOST_WEAR = 0.1
-"""Largest wear that is tried for a tooth jump."""
+"""Largest wear tried for a tooth jump."""
 ESTIMATE_RATIO, ESTIMATE_HALVINGS, LEAST_ESTIMATE = 1.5, 3, 1e-3
 """Ratio, halvings and least part of the range, for estimates."""
 
@@ -45,7 +45,7 @@ class Jump:
         on: what carries the torque, or the chain that wears.
         own: the drive's own torque [N m] or wear [-].
         holds: largest value without a jump.
-        jumps: smallest value with a jump, or None.
+        jumps: smallest value with one, or None.
         sprocket: where, if seen.
         tension: largest of any link at `holds` [N].
         tight, slack: means of the strands beside at `holds` [N].
@@ -96,18 +96,18 @@ def find_jumps(
     that jumps.
 
     Args:
-        by: what grows: a load's constant torque, or the elongation of a chain.
+        by: what grows: a load's constant torque, or a chain's elongation.
         on: sprocket or shaft with that load, by default of most power; or the chain.
         directions: in which the drive runs.
         most: largest value; None is the torque of the breaking load, or a wear of 0.1.
         tolerance: relative; of wear, of the range.
         values: runs of a round and direction.
-        options: duration, device, precision, memory, workers and progress, as of `warpchain.simulate`, and report,
-            called with a line after each round.
+        options: duration, device, precision, memory, workers, progress of `warpchain.simulate`, and report, called with
+            a line after each round.
 
     Raises:
         DriveError: no such load or chain, or a drive that cannot run in reverse.
-        SimulationError: an argument that is not allowed.
+        SimulationError: an invalid argument.
     """
     report: Callable[[str], None] = options.pop("report", lambda line: None)
     on, own, limit = _own_and_limit_torque(drive, on) if by == "torque" else _own_and_limit_wear(drive, on)
@@ -177,7 +177,7 @@ def _own_and_limit_wear(drive: Drive, on: str | None) -> tuple[str, float, float
 
 
 def _can_assemble(drive: Drive) -> bool:
-    """Whether each chain of a drive can be assembled."""
+    """Whether each chain of a drive assembles."""
     try:
         for chain in Model(drive).chains:
             assemble_chain(chain)
@@ -199,7 +199,7 @@ def _changed_drive(drive: Drive, by: str, on: str, value: float) -> Drive:
 
 
 def _run_round(todo: list[_JumpSearch], changed: Callable[[Drive, float], Drive], options: dict[str, Any]) -> None:
-    """Runs a round's values, and narrows the jump searches."""
+    """Runs a round's values; narrows jump searches."""
     drives = [changed(search.drive, value) for search in todo for value in search.values]
     with warnings.catch_warnings():
         for kind in (SuspectWarning, LayoutWarning):
@@ -221,7 +221,7 @@ def _run_round(todo: list[_JumpSearch], changed: Callable[[Drive, float], Drive]
 
 
 def jump_in_metrics(drive: Drive, row: dict[str, Any]) -> tuple[bool, str | None]:
-    """Whether the chain jumped, by metrics, and on which sprocket."""
+    """Whether the chain jumped, by metrics, and which sprocket."""
     if row["diverged"]:
         return True, None
     names = [sprocket.name for sprocket in drive.sprockets]
@@ -233,7 +233,7 @@ def jump_in_metrics(drive: Drive, row: dict[str, Any]) -> tuple[bool, str | None
 
 
 def _state_line(search: _JumpSearch, by: str) -> str:
-    """Line of text on the progress of a jump search."""
+    """Line on the progress of a jump search."""
     unit, low = (" N m", search.low) if by == "torque" else (" %", 100.0 * search.low)
     if search.high is None:
         return f"{search.direction}: holds up to {low:.4g}{unit}"
@@ -263,11 +263,11 @@ def _strands_beside(drive: Drive, name: str) -> list[str]:
 
 
 def _estimated_jump(search: _JumpSearch, by: str, on: str, own: float, most: float) -> float | None:
-    """Estimated value at which the chain jumps at rest, or None."""
+    """Estimated value of the jump at rest, or None."""
     name = search.sprocket
 
     def has_jump_at_rest(value: float) -> bool:
-        """Whether the chain jumps at rest, at a searched value."""
+        """Whether the chain jumps at rest, at this value."""
         for chain in Model(_changed_drive(search.drive, by, on, value)).loaded_chains:
             names = [sprocket.name for sprocket in chain.sprockets]
             if name in names:

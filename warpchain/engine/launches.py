@@ -1,7 +1,7 @@
 """Launches of a GPU: the steps of many variants divided among them.
 
-A GPU holds so many blocks, of one variant each, at once: a turn. All variants end in the same launch; more than a turn
-go in two groups, each on its own stream.
+A GPU holds so many variants' blocks at once: a turn. All variants end in the same launch; beyond a turn they go in two
+groups, each on its own stream.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ LAUNCH_PARTS = 8
 
 
 class Launch(NamedTuple):
-    """Launch of a GPU kernel: "advance", without metrics, or "measure"."""
+    """Launch of GPU kernel "advance", without metrics, or "measure"."""
 
     kernel: str
     variants: NDArray[np.integer]  # their numbers, in the order of their blocks
@@ -63,7 +63,7 @@ def split_launches(
     """Yields the GPU launches that take variants' steps.
 
     Args:
-        variants: their numbers, most steps first.
+        variants: numbers, most steps first.
         step: (V,) next step.
         share: (V,) steps to take.
         begins: (V,) steps from which metrics are taken.

@@ -1,4 +1,4 @@
-"""Output ports of a stepped run: places of their values in a buffer of one frame of each row."""
+"""Output ports of a stepped run: places of values in a buffer of a frame a row."""
 
 from __future__ import annotations
 
@@ -22,8 +22,8 @@ class OutputPort:
     """Output port of V variants.
 
     Attributes:
-        name: CHANNEL, or PART.CHANNEL.
-        places: (V, ...) of its values in the buffer.
+        name: CHANNEL or PART.CHANNEL.
+        places: (V, ...) of values in the buffer.
     """
 
     name: str
@@ -31,7 +31,7 @@ class OutputPort:
 
 
 def lay_out_frames(rows: ChainRows, packed: PackedEnsemble) -> int:
-    """Lays out a buffer of a frame of each row, for output ports; returns its length."""
+    """Lays out a buffer of a frame a row, for output ports; returns its length."""
     widths = np.array([drive_frame_width(model, packed.frame) for model in rows.models], dtype=np.int64)
     packed.drives["first_value"] = np.cumsum(widths) - widths
     packed.drives["frame_interval"] = 1
@@ -39,7 +39,7 @@ def lay_out_frames(rows: ChainRows, packed: PackedEnsemble) -> int:
 
 
 def make_outputs(names: Sequence[str], rows: ChainRows, packed: PackedEnsemble) -> dict[str, OutputPort]:
-    """Output ports by name, of a buffer that is laid out.
+    """Output ports by name, of a laid-out buffer.
 
     Raises:
         SimulationError: a variant lacks the part, or numbers of parts differ.
@@ -64,7 +64,7 @@ def make_outputs(names: Sequence[str], rows: ChainRows, packed: PackedEnsemble) 
 def _channel_places(
     v: int, rows: ChainRows, packed: PackedEnsemble, wanted: set[str]
 ) -> Mapping[str, NDArray[np.int64]]:
-    """Places (parts, ...) of variant v's channels in the output buffer."""
+    """Places (parts, ...) of variant v's channels in the buffer."""
     chains = []
     for r in range(int(rows.first_rows[v]), int(rows.first_rows[v + 1])):
         model = rows.models[r]

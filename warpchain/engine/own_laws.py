@@ -1,4 +1,4 @@
-"""Contact laws of plug-ins: tried, and added to those of kernels before the kernels are made."""
+"""Contact laws of plug-ins: tried, and added to kernels' before these are made."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from warpchain.kernels.cpu.law_trial import TriedForce, law_trial_kernel
 from warpchain.kernels.physics import impact
 
 TRIED = np.array([[e, v, d] for e in (1e-3, 1.0, 1e3, 1e6) for v in (1e-6, 0.01, 1.0, 30.0) for d in (0.0, 0.1, 2.0)])
-"""Elastic forces [N], impact speeds [m/s] and dampings with which a plug-in's law is tried."""
+"""Elastic forces [N], impact speeds [m/s] and dampings that try a plug-in's law."""
 KERNEL_FACTORIES = {
     "cpu.advance": "advance_kernel",
     "cpu.relax": "relax_kernel",
@@ -25,11 +25,11 @@ KERNEL_FACTORIES = {
     "gpu.relax": "block_relax_kernel",
     "gpu.statistics": "tally_sum_kernel",
 }
-"""Cached kernel factories whose digests have the contact laws."""
+"""Cached kernel factories whose digests have contact laws."""
 
 
 def form_of_law(law: Law) -> int:
-    """Number of a contact law (`structs.ContactLaw.form`); adds a plug-in's to kernels'."""
+    """Number of a contact law (`structs.ContactLaw.form`); adds a plug-in's."""
     if isinstance(law.force, str):
         return next(form for form, force in enumerate(impact.FORCES) if force.key == law.force)
     if law.force not in impact.FORCES:
@@ -38,23 +38,23 @@ def form_of_law(law: Law) -> int:
 
 
 def add_laws(names: Iterable[str] | None = None) -> None:
-    """Adds plug-ins' contact laws to kernels', by default all that drives so far have.
+    """Adds plug-ins' contact laws to kernels', by default those of all drives so far.
 
     Raises:
-        PluginError: one that Warp cannot compile, or with values that are not allowed.
+        PluginError: a law that Warp cannot compile, or with invalid values.
     """
     for name in LAWS_IN_USE if names is None else names:
         form_of_law(LAWS[name])
 
 
 def added_laws() -> tuple[str, ...]:
-    """Names of plug-ins' contact laws that kernels have, in order."""
+    """Names of plug-ins' contact laws in kernels, in order."""
     names = {id(law.force): name for name, law in LAWS.items()}
     return tuple(names[id(force)] for force in impact.FORCES if id(force) in names)
 
 
 def _add_force(force: Any) -> None:
-    """Adds a contact law's function to kernels', and forgets earlier kernels."""
+    """Adds a contact law's function to kernels'; forgets earlier kernels."""
     code = force.func.__code__
     digest = digest_of_file(code.co_filename)
     force.adj.source += f"\n# {digest}"  # kernels' digests have the laws' sources: functions that it calls count, too
@@ -90,7 +90,7 @@ def _law_error(said: str, force: Any) -> str:
 
 
 def _try_force(force: Any, real: Any) -> None:
-    """Compiles a contact law's function for the CPU; raises PluginError for bad values."""
+    """Compiles a contact law's function for the CPU; PluginError for bad values."""
     given: wp.array = wp.array(TRIED, dtype=real, device="cpu")
     found: wp.array = wp.zeros(TRIED.shape, dtype=real, device="cpu")
     wp.launch(

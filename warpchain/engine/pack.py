@@ -78,7 +78,6 @@ def pack(
 
     Args:
         chains: drives of one chain, or models of chains.
-        schedules: their steps.
         numbers: of drives in messages.
 
     Raises:
@@ -109,7 +108,7 @@ def pack(
 
 
 def fill_step_dependence(packed: PackedEnsemble) -> None:
-    """Fills packed contacts and friction where they depend on the step."""
+    """Fills packed contacts and friction that depend on the step."""
     lightest = np.minimum.reduceat(packed.relative_mass, packed.drives["first_roller"].astype(np.int64))
     for friction, counts in ((packed.tooth_friction, "sprockets"), (packed.guide_friction, "guides")):
         steps, part = (np.repeat(of, packed.drives[counts]) for of in (packed.drives["step"], lightest))
@@ -125,7 +124,7 @@ def fill_step_dependence(packed: PackedEnsemble) -> None:
 
 
 def fill_bristles(friction: NDArray[Any], step: NDArray[np.float64], part: Any = 1.0) -> None:
-    """Fills packed friction bristles as stiff as the step allows, for `part` of the inertia."""
+    """Fills packed friction bristles as stiff as steps allow, for `part` of the inertia."""
     inertia = part * friction["inertia"]
     stiffness = np.minimum(friction["stiffness"], SPRING * inertia / (step * step))
     friction["spring"] = stiffness * step
@@ -143,7 +142,7 @@ class SharedRows:
 
 @contextmanager
 def _blank_rows(array: NDArray[Any], places: NDArray[Any]) -> Iterator[NDArray[Any]]:
-    """Context of zero rows, then put into a packed array."""
+    """Context of zero rows, put into a packed array."""
     rows = np.zeros(places.shape, dtype=array.dtype)
     yield rows
     array[places] = rows
@@ -276,7 +275,7 @@ def _pack_guides(packed: PackedEnsemble, model: ChainModel, at: Mapping[str, NDA
 
 
 def tensioner_extensions(packed: PackedEnsemble) -> NDArray[np.float64]:
-    """Extensions (all tensioners,) [m] at their bodies' packed places."""
+    """Extensions (all tensioners,) [m] at bodies' packed places."""
     first = np.repeat(packed.drives["first_body"].astype(np.int64), packed.drives["tensioners"])
     of = packed.tensioners[: len(first)]
     body = packed.bodies[first + of["body"]]
@@ -293,7 +292,7 @@ def oil_compression(pressure: NDArray[np.float64], of: NDArray[Any]) -> NDArray[
 
 
 def rest_tensioners(packed: PackedEnsemble) -> None:
-    """Sets packed tensioners to rest at their bodies' places."""
+    """Sets packed tensioners to rest at bodies' places."""
     x = tensioner_extensions(packed)
     of, oil = packed.tensioners[: len(x)], packed.oil[: len(x)]
     oil["farthest"] = x
@@ -308,7 +307,7 @@ def rest_tensioners(packed: PackedEnsemble) -> None:
 
 
 def tensioners_as_springs(tensioners: NDArray[Any]) -> NDArray[Any]:
-    """Rows of tensioners as springs that push as at rest."""
+    """Rows of tensioners as springs pushing as at rest."""
     slow = tensioners.copy()
     wet = slow["hydraulic"] == 1
     slow["preload"][wet] += ((slow["rest"] - slow["ambient"]) * slow["area"])[wet]

@@ -1,4 +1,4 @@
-"""Packed ensemble: many drives as the flat arrays that kernels read, each variant's parts one after the other."""
+"""Packed ensemble: drives as flat arrays that kernels read, each variant's parts one after the other."""
 
 from __future__ import annotations
 
@@ -77,7 +77,7 @@ def scatter_values(values: NDArray[Any], first: NDArray[np.integer], rows: NDArr
 def roller_coordinates(
     rows: NDArray[np.floating], first: NDArray[np.int64], count: int
 ) -> tuple[NDArray[np.floating], NDArray[np.floating]]:
-    """Coordinates x and y (K, N) of packed variants' rollers."""
+    """Coordinates x, y (K, N) of packed rollers."""
     both = gather_values(rows, STATE_ROWS * first, 2 * count)
     return both[:, :count], both[:, count:]
 
@@ -86,7 +86,7 @@ _PackedArrays: Any = make_dataclass("Arrays", PACKED_ARRAYS)
 
 
 def is_speed_dependent(rows: NDArray[Any]) -> NDArray[np.bool_]:
-    """Whether the coefficient of each `structs.Friction` depends on speed."""
+    """Whether each `structs.Friction` has coefficients by speed."""
     return np.asarray(rows["mu_static"] != rows["mu_dynamic"])
 
 
@@ -95,9 +95,9 @@ class PackedEnsemble(_PackedArrays):
     """Packed ensemble of drives, as numpy structured arrays of `kernels.structs`.
 
     Attributes:
-        drives, chains ...: the packed arrays of `arrays.ARRAYS`.
+        drives, chains ...: the arrays of `arrays.ARRAYS`.
         rollers: (6 * all rollers,) rows x, y, vx, vy, low parts of x, y of each variant.
-        assemblies: the initial states.
+        assemblies: initial states.
     """
 
     precision: str
@@ -172,7 +172,7 @@ class PackedEnsemble(_PackedArrays):
 
     @property
     def has_linear_hysteretic_contacts(self) -> NDArray[np.bool_]:
-        """Whether all contact laws are linear and hysteretic (variants,)."""
+        """Whether contact laws are linear and hysteretic (variants,)."""
         laws = (self.sprockets["law"], self.guides["law"])
         return ~self.has_any_of(*((law["exponent"] != 1.0) | (law["form"] != 0) for law in laws))
 
@@ -184,7 +184,7 @@ class PackedEnsemble(_PackedArrays):
 
     @property
     def has_crowded_arms(self) -> NDArray[np.bool_]:
-        """Whether an arm carries a guide and something else (variants,)."""
+        """Whether arms carry a guide and something else (variants,)."""
 
         def carried(counts: str, bodies: NDArray[np.integer]) -> NDArray[np.int64]:
             """Number (bodies,) of a kind's parts on each packed body."""
@@ -203,7 +203,7 @@ class PackedEnsemble(_PackedArrays):
         return np.asarray(np.minimum.reduceat(self.lengths, first) == np.maximum.reduceat(self.lengths, first))
 
     def _sums_by_variant(self, counts: str, numbers: NDArray[np.integer]) -> NDArray[np.int64]:
-        """Sums (variants,) of parts' numbers, `drives[counts]` parts a variant."""
+        """Sums (variants,) of parts' numbers, `drives[counts]` a variant."""
         owner = np.repeat(np.arange(self.variants), self.drives[counts])
         return np.bincount(owner, numbers[: len(owner)], self.variants).astype(np.int64)
 
@@ -227,7 +227,7 @@ class PackedEnsemble(_PackedArrays):
         return self.rollers[first : first + STATE_ROWS * n].reshape(STATE_ROWS, n)
 
     def groups_by_rollers(self) -> Iterator[tuple[NDArray[np.intp], NDArray[np.int64], int]]:
-        """Yields packed variants (K,) of equal roller numbers, and places."""
+        """Yields packed variants (K,) of equal roller numbers; places."""
         rollers, first = self.drives["rollers"], self.drives["first_roller"].astype(np.int64)
         for count in np.unique(rollers).tolist():
             variants = np.flatnonzero(rollers == count)
@@ -240,7 +240,7 @@ class PackedEnsemble(_PackedArrays):
         return self._select_variants(places, self.drives[a:b].copy(), self.assemblies[a:b])
 
     def pick_variants(self, which: Sequence[int]) -> PackedEnsemble:
-        """Packed ensemble of the variants `which`, arrays copied."""
+        """Packed ensemble of variants `which`, arrays copied."""
         chosen = np.asarray(which, dtype=np.int64)
         places = {}
         for kind, first in first_places(self.drives).items():

@@ -1,4 +1,4 @@
-"""Pipeline of a run in subensembles: some are packed while GPUs step others and threads compute their metrics.
+"""Pipeline of a run in subensembles: some are packed while GPUs step others and threads compute metrics.
 
 Results do not depend on the division. Where a GPU fails, another takes over.
 """
@@ -34,7 +34,7 @@ MOST_PER_GPU = 4
 """Most subensembles of a GPU."""
 
 FIRST_WORK = 0.4
-"""Work of a GPU's first subensemble over the others'."""
+"""Work of a GPU's first subensemble over another's."""
 
 DEALT_TOGETHER = 128
 """Variants of a stack in one subensemble."""
@@ -50,7 +50,7 @@ def split_variants(variants: Variants, gpus: int, most: int) -> list[Variants]:
 
 
 def deal_variants(variants: Variants, count: int, gpus: int) -> Iterator[NDArray[np.bool_]]:
-    """Masks (V,) of `count` subensembles of about the same work."""
+    """Masks (V,) of `count` subensembles of about equal work."""
     work, together = variants.roller_steps, max(1, min(DEALT_TOGETHER, len(variants.drives) // (8 * count)))
     part, load = np.zeros(len(work), dtype=np.int64), np.zeros(count)
     if 1 < gpus < count:
@@ -65,7 +65,7 @@ def deal_variants(variants: Variants, count: int, gpus: int) -> Iterator[NDArray
 
 
 def _has_too_large_drive(variants: Variants) -> bool:
-    """Whether a drive of a run is larger than GPUs accept."""
+    """Whether a run's drive is larger than GPUs accept."""
     from warpchain.engine.gpu import MOST_LINKS, MOST_PARTNERS
 
     drives = [stack.one for stack in variants.stacks]
@@ -79,7 +79,6 @@ def plan_run(
 
     Args:
         device: as the user names it.
-        settings: precision, and CPU threads.
         most: subensembles of a GPU.
 
     Raises:
@@ -103,7 +102,6 @@ class SubensembleQueue:
     """Queue that runs subensembles on GPUs, as a context.
 
     Args:
-        settings: precision and threads.
         make_recorders: gives a subensemble's recorder and state keeper.
         again: whether another GPU may repeat a failed subensemble.
         total: simulated time of all [s].
@@ -163,7 +161,7 @@ class SubensembleQueue:
         self._report_progress()
 
     def _run_on_gpu(self, number: int, part: Subensemble) -> SubensembleResult:
-        """Result of a subensemble on a GPU, or another if it fails; raises DeviceError where none is left."""
+        """Result of a subensemble on a GPU, another if it fails; DeviceError where none is left."""
 
         def note(phase: str, done: float, total: float) -> None:
             """Notes a subensemble's progress, for the report of all."""

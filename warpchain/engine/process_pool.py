@@ -1,4 +1,4 @@
-"""Pool of processes for many small things that Python's lock would keep from threads."""
+"""Pool of processes for many small things that Python's lock keeps from threads."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from warpchain.progress import ProgressReport, completed_futures, ignore_progres
 from warpchain.python_process import can_start_python, start_python
 
 FEWEST_THINGS = 16
-"""Things for which a process is worth its start."""
+"""Things that are worth a process's start."""
 
 
 def map_in_processes(
@@ -31,10 +31,10 @@ def map_in_processes(
 ) -> list[Any]:
     """Results, or exceptions, of a module's function for many things, in at most `workers` processes.
 
-    `phase` and `report` are for progress reports.
+    `phase` and `report` are for progress.
 
     Raises:
-        SimulationError: a process ended before its work.
+        SimulationError: a process ended early.
         KeyboardInterrupt: the user asked to stop.
     """
     workers = min(workers, len(things) // FEWEST_THINGS)
@@ -51,7 +51,7 @@ def map_in_processes(
         idle.put(process)
 
     def ask(thing: Any) -> Any:
-        """Result of the work on a thing, by an idle process."""
+        """Result of work on a thing, by an idle process."""
         process = idle.get()
         assert process.stdin is not None
         assert process.stdout is not None

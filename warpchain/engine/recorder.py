@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from warpchain.engine.packed_ensemble import PackedEnsemble
 
 BUFFER_FRACTION = 0.25
-"""Part of the memory budget for the recorder's two frame buffers."""
+"""Part of the memory budget for two frame buffers."""
 
 
 @dataclass(frozen=True)
@@ -44,19 +44,19 @@ class RecordingOptions:
 
     @property
     def frames(self) -> Record:
-        """Recorded frames' options, with the channels that metrics need."""
+        """Recorded frames' options, with metrics' channels."""
         if not self.measured:
             return self.record
         return replace(self.record, variants="all", channels=self.channels_with_measured)
 
     @property
     def channels_with_measured(self) -> tuple[str, ...]:
-        """Channels that are recorded or that metrics need."""
+        """Recorded channels and those that metrics need."""
         wanted = {*self.record.channels, *self.measured}
         return tuple(name for name in CHANNEL_NAMES if name in wanted)
 
     def open_archive(self, drives: Sequence[Drive], info: RunInfo) -> AbstractContextManager[ArchiveWriter | None]:
-        """Context of the writer of a run's archive, or None."""
+        """Context of a run's archive writer, or None."""
         if self.archive is None:
             return nullcontext()
         from warpchain.archive import ArchiveWriter
@@ -67,7 +67,7 @@ class RecordingOptions:
     def finished_trajectories(
         self, writer: ArchiveWriter | None, metrics: pa.Table, info: RunInfo, frames: Mapping[int, Trajectory]
     ) -> Mapping[int, Trajectory]:
-        """Trajectories of an ended run, from memory or archive."""
+        """Trajectories of a run, from memory or archive."""
         if self.archive is None or writer is None:
             return frames
         from warpchain.archive import read_archive
@@ -77,7 +77,7 @@ class RecordingOptions:
 
 
 def _memory_beside_statistics(packed: PackedEnsemble, memory: int) -> int:
-    """Memory budget [bytes] beside an ensemble's sums, or SimulationError."""
+    """Memory budget [bytes] beside sums, or SimulationError."""
     from warpchain.engine.arrays import sums_bytes
 
     taken = sums_bytes(packed)
@@ -93,7 +93,7 @@ class Recorder:
     """Recorder of variants' frames, which lays out buffers.
 
     Args:
-        numbers: (V,) of the variants in the run.
+        numbers: (V,) of variants in the run.
         recording: of the run, whose memory they share.
         rows: their chains.
         count: of the run's variants.
@@ -198,7 +198,7 @@ class Recorder:
         return Trajectory(self.drives[self.rows.variant_of_row[r]], time, **held, chain=model)
 
     def _keep_chunk(self, v: int, chunk: Trajectory) -> None:
-        """Appends recorded frames to archive or memory, those in the window for metrics."""
+        """Appends recorded frames to archive or memory; the window's for metrics."""
         if self._measured_channels:
             schedule = self.schedules[v]
             first, last = ((step - 0.5 * way) * schedule.step
@@ -221,7 +221,7 @@ class Recorder:
         return {self.numbers[v]: self._joined_trajectory(v, self._kept, self.channels) for v in list(self._kept)}
 
     def measured_trajectories(self) -> Mapping[int, Trajectory]:
-        """Frames in the window for plug-ins' metrics, by variants' numbers; empties them."""
+        """Window's frames for plug-ins' metrics, by variants' numbers; empties them."""
         held, channels = self._measured, self._measured_channels
         return {self.numbers[v]: self._joined_trajectory(v, held, channels) for v in list(held)}
 

@@ -49,7 +49,7 @@ SETTLE_STEP = 0.7
 def settling_ensemble(packed: PackedEnsemble) -> PackedEnsemble:
     """Packed ensemble to settle: at rest, held, damped, frictionless.
 
-    Guides push rollers inside them out through the face.
+    Guides push rollers out through the face.
     """
     still = packed.copy()
     for name in ("tooth_friction", "guide_friction"):

@@ -77,26 +77,26 @@ def simulate(
     A variant's result depends neither on the others nor on the number of threads, to the last bit.
 
     Args:
-        drives: one drive or many, which may differ in every value.
-        device: "cpu", "cuda" for all GPUs, "cuda:1" for one, or None for those expected to finish first. Results on
-            different devices differ in their last bits.
+        drives: one or many, which may differ in every value.
+        device: "cpu", "cuda" (all GPUs), "cuda:1", or None for those expected to finish first; their last bits
+            differ.
         precision: "float64" or "float32".
-        duration: simulated time [s]; None takes each drive's own.
-        step: time step [s], or "auto"; None takes each drive's own.
-        record: which trajectories to keep; None keeps all.
-        window: (start, end) over which metrics are taken [s]; None is the second half of the run.
+        duration: simulated time [s]; None: each drive's own.
+        step: time step [s], or "auto"; None: each drive's own.
+        record: trajectories to keep; None: all.
+        window: (start, end) of metrics [s]; None: the second half of the run.
         progress: True shows a bar; a function gets (phase, done, total): "compiling", in kernels; "settling", in
             drives; "simulating", in simulated time of all variants [s].
         memory: budget for sums and statistics, buffers and kept trajectories [bytes].
-        archive: MCAP file that recorded frames go to instead of memory.
-        archive_options: how the archive is written.
+        archive: MCAP file for recorded frames, instead of memory.
+        archive_options: how it is written.
         overwrite: replace an archive of that name.
-        workers: CPU threads; None takes all cores.
+        workers: CPU threads; None: all cores.
         limits: what a variant may come to and still be "ok" (column `status` of the metrics).
-        replicates: run this many copies of each drive that differ in how they begin; copy k of drive d is variant d *
-            replicates + k, and `run.summary` has their means.
-        replicate_by: "build", copies begin at other phases within a tooth, their rollers laid elsewhere in the gaps;
-            "phase", at other phases; "perturbation", with every roller displaced by some 1e-9 pitches.
+        replicates: copies of each drive that differ in how they begin; copy k of drive d is variant d * replicates + k;
+            `run.summary` has their means.
+        replicate_by: "build", at other phases within a tooth, rollers elsewhere in the gaps; "phase", at other phases;
+            "perturbation", every roller displaced by some 1e-9 pitches.
         states: keeps where variants stand, so that longer runs go on from there (`warpchain.engine.checkpoint`).
 
     Returns:
@@ -104,8 +104,8 @@ def simulate(
 
     Raises:
         DriveError: a chain that does not fit, or a step beyond its limit.
-        SimulationError: an argument that is not allowed, an unknown device, a window outside the run, or trajectories
-            that exceed the memory budget.
+        SimulationError: an invalid argument, an unknown device, a window outside the run, or trajectories beyond the
+            memory budget.
 
     Warns:
         LayoutWarning: strands that cross, guide-bars that cut through the chain or dent it by more than a pitch.
@@ -180,7 +180,7 @@ def simulate(
 
 
 def available_cores() -> int:
-    """Number of cores that this process may use."""
+    """CPU cores that this process may use."""
     if hasattr(os, "sched_getaffinity"):
         return len(os.sched_getaffinity(0))
     return os.cpu_count() or 1
@@ -258,7 +258,7 @@ def _schedules(
         rate: (V,) of frames [Hz], 0 for none.
 
     Raises:
-        SimulationError: a number of steps, or a window, that is not allowed.
+        SimulationError: too few or many steps, or an invalid window.
     """
     start, end = (0.5 * length, length) if window is None else (np.full_like(length, time) for time in window)
     of_step = f"s at a step of {h[0]:.4g} s"

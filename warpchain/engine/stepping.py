@@ -1,8 +1,7 @@
 """`stepping`: a run that is advanced piece by piece, its inputs set and its outputs read in between.
 
-Step n of a run evaluates the forces at t = n h and moves everything on to t + h. After a piece that ends at t all is
-evaluated up to t, so that outputs are those of t itself. What is then set acts from the next evaluation, at t + h; what
-is set before the first piece acts from t = 0.
+Step n evaluates forces at t = n h and moves everything to t + h. A piece that ends at t has all evaluated up to t, as
+outputs show it; what is then set acts from t + h on, what is set before the first piece from t = 0.
 """
 
 from __future__ import annotations
@@ -39,7 +38,7 @@ if TYPE_CHECKING:
     from warpchain.engine.subensemble import DeviceSettings, Subensemble
 
 SHORTEST_PIECE = 1.0 - 1e-9
-"""Length of the shortest piece, in steps."""
+"""Shortest piece's length, in steps."""
 
 
 @dataclass(frozen=True)
@@ -76,27 +75,26 @@ def stepping(
 ) -> SteppedRun:
     """A run that is advanced piece by piece, as a context.
 
-    Advanced in any pieces it has the states of one `simulate` run, on a CPU to the last bit.
+    In any pieces it has the states of one `simulate` run, on a CPU to the last bit.
 
     Args:
         drives: one drive, whose values have no axis for variants, or V drives, whose values have that first.
-        inputs: PART.KIND each: "driven.load_torque" of a load, against forward rotation, in place of the load's torque
-            and table [N m]; "motor.motor_torque", forward, in place of the motor's torque and table [N m];
-            "clutch.capacity" [N m]; "driver.speed" of a prescribed sprocket or shaft, forward [rad/s];
-            "tightener.center" of a sprocket and "blade.pivot" of an arm that are led [m]; "tensioner.force", the
-            preload of a tensioner's spring on its arm [N].
+        inputs: PART.KIND each: "driven.load_torque", against forward rotation, and "motor.motor_torque", forward, in
+            place of torque and table of the load or motor [N m]; "clutch.capacity" [N m]; "driver.speed" of a
+            prescribed sprocket or shaft, forward [rad/s]; "tightener.center" of a sprocket and "blade.pivot" of an arm
+            that are led [m]; "tensioner.force", the preload of a tensioner's spring on its arm [N].
         outputs: channels of `Trajectory`, such as "tension", of all parts, or PART.CHANNEL, such as
             "driven.sprocket_speed".
         device, precision, step, progress, workers: as of `simulate`; one GPU at most.
-        duration: simulated time that pieces may come to [s]; None takes each drive's own.
-        window: (start, end) of the metrics and the energy balance [s]; None is the second half of `duration`.
+        duration: most simulated time [s]; None: each drive's own.
+        window: (start, end) of metrics and energy balance [s]; None: the second half of `duration`.
 
     Returns:
         The run, a context that frees the device's memory at its end.
 
     Raises:
         DriveError: a chain that does not fit, or a step beyond its limit.
-        SimulationError: an argument that is not allowed, or an unknown input, output or device.
+        SimulationError: an invalid argument, or an unknown input, output or device.
     """
     from warpchain.engine import start_warp
     from warpchain.engine.devices import choose_devices
@@ -134,13 +132,13 @@ def stepping(
 
 
 class Clock:
-    """Steps that variants have taken, in groups of equal time steps.
+    """Steps that a stepped run's variants have taken, in groups of equal time steps.
 
     Attributes:
-        step: (V,) time step of each variant [s].
-        group: (V,) its group.
-        steps: time steps of the groups [s].
-        taken: step up to which each group is evaluated, -1 before the first.
+        step: (V,) time steps [s].
+        group: (V,) their groups.
+        steps: time steps of groups [s].
+        taken: step up to which each group is evaluated, at first -1.
         target: sum of all pieces [s].
     """
 
@@ -153,24 +151,24 @@ class Clock:
 
     @property
     def taken_by_variant(self) -> NDArray[np.int64]:
-        """Step (V,) up to which each variant is evaluated."""
+        """Step (V,) up to which variants are evaluated."""
         return np.array(self.taken)[self.group]
 
     @property
     def now(self) -> NDArray[np.float64]:
-        """Instant (V,) of each variant's last evaluated step [s]."""
+        """Instant (V,) [s] of variants' last evaluated step."""
         return np.array([max(n, 0) * h for n, h in zip(self.taken, self.steps, strict=True)])[self.group]
 
     @property
     def next(self) -> NDArray[np.float64]:
-        """Instant (V,) of each variant's next step [s]."""
+        """Instant (V,) [s] of variants' next step."""
         return np.array([(n + 1) * h for n, h in zip(self.taken, self.steps, strict=True)])[self.group]
 
     def steps_after(self, dt: float) -> tuple[list[int], float]:
         """Steps to which a piece of `dt` [s] takes each group, and the sum of all pieces [s].
 
         Raises:
-            SimulationError: less than a step, or beyond the run's end.
+            SimulationError: less than a step, or beyond the end.
         """
         if dt < SHORTEST_PIECE * self.longest:
             raise SimulationError(f"dt = {dt:g} s: must be at least a step, {self.longest:.6g} s")
@@ -186,14 +184,14 @@ class Clock:
 
 
 def _checked_duration(name: str, value: Any) -> float:
-    """A length of time [s] as a plain number."""
+    """Length of time [s] as a plain number."""
     if isinstance(value, Real) and not isinstance(value, bool) and 0.0 < float(value) < math.inf:
         return float(value)
     raise SimulationError(f"{name} = {value!r}: must be a finite number above 0 [s]")
 
 
 class SteppedRun:
-    """A run that is advanced piece by piece, a context: `stepping` makes it.
+    """A run that is advanced piece by piece, a context, by `stepping`.
 
     Attributes:
         drives: (V,) of the variants.
@@ -253,7 +251,7 @@ class SteppedRun:
         return self
 
     def _take_views(self, engine: Engine) -> None:
-        """Has inputs and outputs of a CPU read and written where its kernels do."""
+        """Has kernels' inputs and outputs on a CPU read and written in place."""
         for name in ("tables", "drives"):
             view = engine.constants_view(name)
             if view is not None and view.dtype == getattr(engine.packed, name).dtype:
@@ -275,11 +273,11 @@ class SteppedRun:
         return self._engine
 
     def launch_parts(self) -> tuple[Engine, Any, Mapping[str, InputPort], Mapping[str, OutputPort]]:
-        """Engine and buffer of frames that launches take, and the inputs and outputs by name: to export the run."""
+        """Engine, buffer of frames, inputs and outputs by name of a stepped run, to export it."""
         return self._running, self._frames, self._inputs, self._outputs
 
     def _of_variants(self, values: NDArray[Any]) -> Any:
-        """Values (V, ...) as they are handed out: of one drive without the axis of variants."""
+        """Values (V, ...) as handed out: of one drive without that axis."""
         return values[0].item() if self._is_single and values.ndim == 1 else values[0] if self._is_single else values
 
     @property
@@ -302,11 +300,11 @@ class SteppedRun:
 
         Args:
             values: by input, a number for all variants or (V,); of centers and pivots (2,) or (V, 2).
-            over: time after which the values are reached along a line [s]; None: at once, then held. Centers and pivots
-                need one, in which they come to rest, from the velocity that they have.
+            over: time to reach the values along a line [s]; None: at once, then held. Centers and pivots need one: from
+                their velocity they come to rest in it.
 
         Raises:
-            SimulationError: an unknown input, a shape or value that is not allowed, or a time that is too short.
+            SimulationError: an unknown input, an invalid shape or value, or too short a time.
         """
         engine = self._running
         if over is None and self._hold(values):
@@ -327,12 +325,12 @@ class SteppedRun:
         self._write_constants(changed)
 
     def _write_constants(self, changed: Iterable[str]) -> None:
-        """Has the device take over constant data that have changed, unless it reads them where they are."""
+        """Copies changed constants to the device, unless it reads them in place."""
         for name in sorted(name for name in changed if name not in self._shared):
             self._running.set_constants(name, getattr(self._running.packed, name))
 
     def _hold(self, values: Any) -> bool:
-        """Holds inputs at other numbers, if all of them are held already; returns whether they are."""
+        """Holds inputs at other numbers, if all are held already; returns whether they are."""
         if type(values) is not dict:
             return False
         for name, value in values.items():
@@ -374,7 +372,7 @@ class SteppedRun:
         return port, found
 
     def _note_stored_energy(self, port: InputPort, values: NDArray[np.float64]) -> None:
-        """Notes by what the energy of tensioners' springs jumps where their preload changes."""
+        """Notes jumps in energy of tensioners' springs as preloads change."""
         engine, packed = self._running, self._running.packed
         rows = np.repeat(np.arange(packed.variants), packed.drives["tensioners"])[port.rows]
         elements, step = packed.tensioners[port.rows], self._clock.taken_by_variant[port.owners] + 1
@@ -386,7 +384,7 @@ class SteppedRun:
         np.add.at(self._stored, rows, np.where((step > starts) & (step <= ends), jump, 0.0))
 
     def advance(self, dt: float) -> None:
-        """Advances the run by `dt` [s], in whole steps: to the step nearest to the sum of all pieces.
+        """Advances the run by `dt` [s], to the whole step nearest to the sum of all pieces.
 
         Raises:
             SimulationError: no number above 0, less than a step, or beyond the run's end.
@@ -405,7 +403,7 @@ class SteppedRun:
         self._take_steps(engine, [0] * len(self._clock.steps))
 
     def _take_steps(self, engine: Engine, until: list[int]) -> None:
-        """Takes variants up to steps `until`, by group, each with a frame of the last."""
+        """Takes variants to steps `until`, by group, each with a last frame."""
         counts = [n - taken for n, taken in zip(until, self._clock.taken, strict=True)]
         every = [max(count if n % count == 0 else n, 1) for n, count in zip(until, counts, strict=True)]
         if every != self._every:
@@ -418,11 +416,10 @@ class SteppedRun:
     def get(self, name: str | None = None) -> Any:
         """Value of an output at `time`, or all by name; NaN where the run has diverged.
 
-        Of one drive PART.CHANNEL is a number, or (2,), and CHANNEL (parts,) or (parts, 2); of V drives all that behind
-        an axis (V, ...).
+        PART.CHANNEL is a number or (2,), CHANNEL (parts,) or (parts, 2); of V drives behind an axis (V, ...).
 
         Raises:
-            SimulationError: no output has this name.
+            SimulationError: an unknown output.
         """
         engine = self._running
         if name is not None and name not in self._outputs:
@@ -440,9 +437,9 @@ class SteppedRun:
         return found if name is None else found[name]
 
     def state(self) -> SteppedState:
-        """State of the run, from which `restore` goes on: the same bits follow.
+        """State of the run, from which `restore` goes on with the same bits.
 
-        It can be restored into another run of the same drives, precision, kind of device, inputs, outputs and window.
+        Also in another run of the same drives, precision, kind of device, inputs, outputs and window.
         """
         engine = self._running
         changed = {"drives", "tables", *(port.kind.array for port in self._inputs.values())}
@@ -452,7 +449,7 @@ class SteppedRun:
 
     @check_arguments(SimulationError)
     def restore(self, state: SteppedState) -> None:
-        """Takes the run back, or on, to a state.
+        """Takes the run to a `state`.
 
         Raises:
             SimulationError: the state of another run.
@@ -470,7 +467,7 @@ class SteppedRun:
         self._host_frames()[:] = frames
 
     def _key(self) -> tuple[Any, ...]:
-        """Facts that a run and a state must have in common."""
+        """Facts that a run and its state must share."""
         columns = self._part.variants.schedules.columns
         settings = self._settings
         return (
@@ -486,7 +483,7 @@ class SteppedRun:
     def metrics(self, limits: Limits | None = None) -> pa.Table:
         """Metrics over the window as of `simulate`, the energy balance with what came through inputs.
 
-        Metrics of a window that has not ended are missing, as are plug-ins' metrics that read frames.
+        Missing: those of a window that has not ended, and plug-ins' that read frames.
 
         Warns:
             SuspectWarning: variants that are not "ok".
@@ -507,7 +504,7 @@ CLOSED = "has ended: its `with` block is over"
 
 
 def spring_energy(tensioners: NDArray[Any], bodies: NDArray[Any]) -> NDArray[np.float64]:
-    """Energy (R,) of tensioners' springs where their bodies stand, as `kernels.physics.tensioner` [J]."""
+    """Energy (R,) [J] of tensioners' springs at their bodies, as `kernels.physics.tensioner`."""
     cosine, sine, point = np.cos(bodies["angle"]), np.sin(bodies["angle"]), tensioners["point"]
     arm = np.stack([cosine * point[:, 0] - sine * point[:, 1], sine * point[:, 0] + cosine * point[:, 1]], axis=1)
     reach = ((bodies["center"] + arm - tensioners["home"]) * tensioners["direction"]).sum(axis=1)

@@ -1,4 +1,4 @@
-"""Fills rows of the kernels' structs from a drive: chain, sprockets, mounts, contacts, friction, straight guides."""
+"""Fills rows of kernels' structs from a drive: chain, sprockets, mounts, contacts, friction, straight guides."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ CONTACT_MARGIN = 1.0 / 16.0
 """Distance, in roller radii, from which contacts count."""
 
 PIN_STIFFNESS = 12.0
-"""Stiffness of a pin in its bush over a link's."""
+"""Pin's stiffness in its bush over a link's."""
 
 TANGENTIAL_STIFFNESS = 0.8
 """Tangential over normal stiffness of contacts (Mindlin 1949)."""
@@ -91,7 +91,7 @@ def fill_law_row(row: Any, contact: ImpactLaw, stiffness: float, mass: float) ->
 
 
 def fill_sprocket_row(row: Any, model: ChainModel, s: int, seats: RowList) -> None:
-    """Fills the `structs.Sprocket` of sprocket s or an end, and its rows of `seats`."""
+    """Fills the `structs.Sprocket` of sprocket s or an end, and its `seats`."""
     teeth = model.sprockets[s].teeth
     if teeth not in seats.known:
         angle = 2.0 * np.pi * np.arange(teeth) / teeth
@@ -144,7 +144,7 @@ def fill_plate_row(row: Any, model: ChainModel) -> None:
 
 
 def _fill_end(row: Any, model: ChainModel, s: int) -> None:
-    """Fills the `structs.Sprocket` of an end: a hole for one pin, as stiff as a link."""
+    """Fills the `structs.Sprocket` of an end: one pin's hole, stiff as a link."""
     row["pin"] = 1 if s == 0 else model.chain.rollers
     row["near_square"], row["far_square"] = -1.0, np.inf
     row["cos_half_seat"], row["sin_half_seat"] = -1.0, 0.0
@@ -155,7 +155,7 @@ def _fill_end(row: Any, model: ChainModel, s: int) -> None:
 
 
 def _harmonic_rows(model: ChainModel, s: int, harmonics: Sequence[Harmonic]) -> NDArray[np.float64]:
-    """Rows (order, amplitude, phase) of a body's harmonics."""
+    """Harmonics (order, amplitude, phase) of a body."""
     rows = [array_of_columns((h.order / shaft_ratio(model, s, h.shaft), h.amplitude, h.phase)) for h in harmonics]
     return np.stack(np.broadcast_arrays(*rows), axis=-2) if rows else np.zeros((0, 3))
 
@@ -187,7 +187,7 @@ def fill_motion_row(row: Any, model: ChainModel, s: int, angle: Any, harmonics: 
 
 
 def _fill_harmonics_row(row: Any, rows: NDArray[np.float64], harmonics: RowList) -> None:
-    """Appends rows of a body's harmonics, and fills their place."""
+    """Appends a body's harmonics, and fills their place."""
     first, _ = harmonics.add(rows)
     row["count"] = rows.shape[-2]
     row["first"] = first + (rows.shape[-2] * np.arange(len(rows)) if rows.ndim > 2 else 0)
@@ -229,7 +229,7 @@ def fill_friction_row(row: Any, rubbing: FrictionCoefficients, effective_mass: f
 def fill_friction_coefficients(row: Any, rubbing: FrictionCoefficients, inertia: float, stiffness: float) -> None:
     """Fills a `structs.Friction`, apart from the step.
 
-    `inertia` is what friction has to stop [kg], `stiffness` along the surface [N/m]; of joints [kg m^2], [N m/rad].
+    Friction has to stop `inertia` [kg]; `stiffness` is along the surface [N/m]; of joints [kg m^2], [N m/rad].
     """
     row["inertia"], row["stiffness"] = inertia, TANGENTIAL_STIFFNESS * stiffness
     row["mu_dynamic"], row["mu_static"] = rubbing.dynamic, rubbing.static
@@ -239,8 +239,8 @@ def fill_friction_coefficients(row: Any, rubbing: FrictionCoefficients, inertia:
 def tooth_effective_mass(model: ChainModel, s: int) -> float:
     """Effective mass m_e [kg] of a roller on sprocket s: 1/m_e = 1/m + z (1/M + (r + b/M)^2 / J).
 
-    z contacts act on a sprocket that turns, and whose center moves (1/M, and b of its balance wheel), J about their
-    center of mass, r as far as contacts reach. An arm adds d^2 / I, d the center from its pivot.
+    z contacts act on a sprocket that turns and whose center moves (1/M, b of its balance wheel), J about the center of
+    mass, r the contacts' reach. An arm adds d^2 / I, d the center from its pivot.
     """
     sprocket, mobility, offset = model.sprockets[s], 0.0, 0.0
     wheel = sprocket.balance_wheel
@@ -272,7 +272,7 @@ def fill_strand_row(row: Any, assembly: Assembly, model: ChainModel, s: int) -> 
 
 
 def fill_drive_row(row: Any, model: ChainModel, assembly: Assembly) -> None:
-    """Fills a `structs.Drive`: counts, integrator, and the box of motion."""
+    """Fills a `structs.Drive`: counts, integrator, box of motion."""
     row["chains"] = 1
     row["points"] = int(ENDS) if model.chain.is_silent else 1
     row["rollers"], row["sprockets"], row["guides"] = model.chain.rollers, len(model.sprockets), len(model.guides)
@@ -311,7 +311,7 @@ def widen_box(row: Any, position: NDArray[np.floating], margin: NDArray[np.float
 
 
 def fill_hub_row(row: Any, model: ChainModel, s: int) -> None:
-    """Fills the `structs.Hub` of a sprocket, for a 1 s step."""
+    """Fills a sprocket's `structs.Hub`, for a 1 s step."""
     sprocket, arm = model.sprockets[s], model.carrier(s)
     row["arm"] = GROUND if arm is None else model.first_arm_body + arm
     if arm is not None:
@@ -374,7 +374,7 @@ def fill_mount_row(row: Any, model: ChainModel, s: int, tables: TableList) -> No
 
 
 def _diagonal_matrices(values: tuple[float, float]) -> NDArray[np.float64]:
-    """Diagonal matrices (..., 2, 2) of values along x and y."""
+    """Diagonal matrices (..., 2, 2) of x and y values."""
     return array_of_columns(values)[..., None] * np.eye(2)
 
 

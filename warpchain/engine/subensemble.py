@@ -1,4 +1,4 @@
-"""Subensembles: variants of a run that one device packs, settles and steps together."""
+"""Subensembles: variants that one device packs, settles and steps together."""
 
 from __future__ import annotations
 
@@ -80,12 +80,12 @@ class DeviceSettings:
 
 
 SettledRows = tuple[NDArray[Any], NDArray[np.float64]]
-"""`Settling` (rows,), and the largest net force (rows,) [N] left on a roller."""
+"""`Settling` (rows,), and largest net force (rows,) [N] left on a roller."""
 
 
 @dataclass(frozen=True)
 class SubensembleResult:
-    """Result of a subensemble: final states, metrics and trajectories."""
+    """Result of a subensemble: final states, metrics, trajectories."""
 
     ends: VariantEnds[Drive]
     metric_blocks: Callable[[], ColumnBlocks]  # gives the metrics, numbered as in the run
@@ -185,7 +185,7 @@ class Subensemble:
     ) -> tuple[VariantEnds[Drive], Callable[[], ColumnBlocks]]:
         """Final states of the subensemble's variants, and a function of their metrics.
 
-        `stored` (rows,) is energy [J] that went outside of a drive's parts in the window.
+        `stored` (rows,) is energy [J] that left a drive's parts in the window.
         """
         models, stacks = self.rows.models, self.rows.stacks
         state, (settled, left) = engine.progress(), settling

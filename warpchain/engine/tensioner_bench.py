@@ -1,4 +1,4 @@
-"""Test rig for tensioners: imposes sines on the plunger, and returns force and pressure, as on a shaker."""
+"""Test rig for tensioners: imposes sines on the plunger; returns force and pressure, as on a shaker."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 SAMPLED_STEPS, SAMPLES_PER_CYCLE = 10_000, 500
 """Steps and samples of a tensioner rig's cycle."""
 SWEEP_STEPS = 2_500
-"""Steps of a rig's cycle that is not sampled."""
+"""Steps of a rig's cycle without samples."""
 MOST_CYCLES = 10_000
 """Most cycles of a ride, and of all sampled rides."""
 FARTHEST = 1.0
@@ -51,7 +51,6 @@ RIDE_UNITS = {
     "leak_loss": "J", "valve_loss": "J", "damper_loss": "J", "suction_work": "J", "gained": "J",
     "vapor": "1",
 }  # fmt: skip
-"""Columns of a tensioner's ride and units."""
 
 
 @dataclass(frozen=True)
@@ -78,7 +77,7 @@ def bench_tensioner(
 ) -> pa.Table:
     """Table of a tensioner's response to a sine, from rest.
 
-    The force is that of spring, oil and stops; the plunger's own inertia is not in it.
+    The force is of spring, oil and stops, without the plunger's inertia.
 
     Args:
         name: the tensioner's.
@@ -143,7 +142,7 @@ def shake_tensioner(
 
 
 def tensioner_by_name(drive: Drive, name: str) -> TensionerPart:
-    """Tensioner of a name, or DriveError with all names."""
+    """Tensioner by name, or DriveError with all names."""
     for tensioner in drive.tensioners:
         if tensioner.name == name:
             return tensioner
@@ -175,7 +174,7 @@ def _check_motion(tensioner: TensionerPart, one: PlungerMotion, cycles: int) -> 
 def _struct_rows(
     model: ChainModel, tensioner: TensionerPart, shakes: Sequence[PlungerMotion], cycles: int, samples: bool
 ) -> tuple[NDArray[Any], NDArray[Any]]:
-    """Rows of `Ride` and of `structs.Tensioner` for a tensioner's rides."""
+    """Rows of `Ride` and `structs.Tensioner` for a tensioner's rides."""
     rides = np.zeros(len(shakes), dtype=Ride.numpy_dtype())
     rows = np.zeros(len(shakes), dtype=Tensioner.numpy_dtype())
     for ride, row, one in zip(rides, rows, shakes, strict=True):
@@ -189,7 +188,7 @@ def _struct_rows(
 
 
 def tensioner_with_viscosity(tensioner: TensionerPart, viscosity: float | None) -> TensionerPart:
-    """Tensioner with another oil viscosity [m^2/s]; None keeps its own."""
+    """Tensioner with another oil viscosity [m^2/s], None: its own."""
     if viscosity is None:
         return tensioner
     assert tensioner.oil is not None
@@ -217,7 +216,7 @@ def _sample_table(one: PlungerMotion, values: NDArray[np.float64]) -> pa.Table:
 
 
 def _unit_table(columns: dict[str, Any], units: dict[str, str]) -> pa.Table:
-    """Table of a tensioner's columns with units as metadata."""
+    """Table of a tensioner's columns, units as metadata."""
     import pyarrow as pa
 
     return table_with_units({name: pa.array(np.ascontiguousarray(columns[name])) for name in units}, units)

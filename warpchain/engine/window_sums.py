@@ -1,4 +1,4 @@
-"""Sums of the window by variant, over all of it and batch by batch, from the arrays of engines."""
+"""Sums of the window by variant, whole and batch by batch, from engines' arrays."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from warpchain.kernels.statistics import BATCHES, BINS, STEP, ZERO
 from warpchain.results.metric_formulas import BatchSums, LazyFields, VariantSums
 
 LONG_BATCHES = 20
-"""Parts of a window, of several batches each, for drifts."""
+"""Parts of a window, each several batches, for drifts."""
 
 
 def tension_edges(scale: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -23,7 +23,7 @@ def tension_edges(scale: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def split_sums(sums: Mapping[str, Any], packed: PackedEnsemble, variants: NDArray[np.integer]) -> VariantSums:
-    """Sums of the window of V rows of an engine's sums that have as many of each part."""
+    """Sums of the window of V rows of an engine's, with as many of each part."""
     drives, places = packed.drives[variants], first_places(packed.drives)
     found: dict[str, NDArray[Any]] = {}
     for name, row in ARRAYS["sums"].items():
@@ -37,7 +37,7 @@ def split_sums(sums: Mapping[str, Any], packed: PackedEnsemble, variants: NDArra
 
 
 def _rows_by_variant(values: NDArray[Any], begin: NDArray[np.integer], count: int) -> NDArray[Any]:
-    """Rows (V, count, ...) of sums of each variant from `begin`."""
+    """Rows (V, count, ...) of each variant's sums from `begin`."""
     if (np.diff(begin) == count).all():
         return values[begin[0] : begin[0] + len(begin) * count].reshape(len(begin), count, *values.shape[1:])
     return values[consecutive_places(begin, count)]
@@ -46,7 +46,7 @@ def _rows_by_variant(values: NDArray[Any], begin: NDArray[np.integer], count: in
 def _add_late_work(found: dict[str, Any], packed: PackedEnsemble, drive: Any) -> None:
     """Subtracts bodies' late work (`physics.body.late_contact_power`) from contacts' dissipation.
 
-    An arm's goes to the first guide, else sprocket, on it.
+    An arm's goes to its first guide, else sprocket.
     """
     found["contact"] = found["contact"].copy()  # not the engine's own
     taken, sprockets = found["contact"]["dissipated"], int(drive["sprockets"])
@@ -70,14 +70,14 @@ def _batch_sums_by_name(found: Mapping[str, NDArray[Any]], drives: NDArray[Any],
 def note_steps(
     start: NDArray[Any] | int, end: NDArray[Any] | int, sample_interval: NDArray[Any] | int, batches: int = int(BATCHES)
 ) -> NDArray[np.int64]:
-    """Steps (..., batches - 1) at which window batches end."""
+    """Steps (..., batches - 1) where window batches end."""
     first, last, every = (np.asarray(step, dtype=np.int64)[..., None] for step in (start, end, sample_interval))
     reached = first - (first - last) * np.arange(1, batches) // batches  # rounded up
     return np.asarray(-(-reached // every) * every)
 
 
 def has_batches(window: NDArray[Any] | int, sample_interval: NDArray[Any] | int, batches: int = LONG_BATCHES) -> Any:
-    """Whether windows (...) have a sample for each batch."""
+    """Whether windows (...) have a sample a batch."""
     return window >= batches * sample_interval
 
 
