@@ -89,7 +89,7 @@ Stiffness = Annotated[
 
 
 def _with_back_as_radius(values: Mapping[str, Any]) -> Mapping[str, Any]:
-    """Values of a silent chain, which touches guides as rollers of its back's height would."""
+    """Values of a silent chain, whose pins touch guides as rollers of its back's height would."""
     if values.get("roller_radius") is not None:
         return values
     key, part = ("pitch", BACK_HEIGHT) if values.get("back_height") is None else ("back_height", 1.0)

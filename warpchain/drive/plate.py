@@ -30,6 +30,8 @@ LEAST_TEETH = 17
 """Least teeth of a wheel, of the standard."""
 PIN_RADIUS, PLATE_AREA = 0.15, 0.95
 """Estimates for pins over the pitch, and for a plate's area over its square, pins included."""
+CROWN = 25.0
+"""Radius of a plate's back between its pins over the pitch, an estimate."""
 PLATE_KEYS = ("flank_angle", "flank_distance", "back_height", "toe_depths", "tip_radius")
 """Keys of a chain that describe its plates."""
 

@@ -52,7 +52,11 @@ DIMENSIONS = {
         lambda drives: drives["rollers"] * (drives["sprockets"] * drives["points"] + drives["guides"]), "first_contact"
     ),
     "push": Dimension(
-        lambda drives: (drives["points"] > 1) * drives["rollers"] * (drives["sprockets"] * drives["points"] + 2),
+        lambda drives: (
+            (drives["points"] > 1)
+            * drives["rollers"]
+            * (drives["sprockets"] * drives["points"] + drives["guides"] // 2 + 2)
+        ),
         "first_push",
     ),
     "tally": Dimension(lambda drives: drives["rollers"] * (drives["sprockets"] + 1), "first_tally"),
