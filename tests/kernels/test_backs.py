@@ -147,6 +147,22 @@ def test_energy_is_kept_to_the_second_order_of_the_step():
     assert min(metrics["rail.friction"]) > 0.0
 
 
+def test_a_mirrored_drive_is_the_same():
+    """Without weight, its wheels turning the other way: to round-off, which contacts amplify."""
+    drive = guided_silent_drive(**{"run.duration": 0.004, "contact.guide.friction": 0.1, "run.gravity": [0.0, 0.0]})
+    values = drive_values(drive)
+    for part in values["sprockets"]:
+        part |= {"wrap": "cw"}
+    for guide in values["guides"]:
+        ends = [key for key in ("start", "end", "points") if key in guide]
+        places = {key: np.multiply(guide[key], (1.0, -1.0)).tolist() for key in ends}
+        guide |= places | {"side": "right"}
+    metrics = simulate([drive, Drive(**values)], device="cpu", limits=STARTING).metrics.to_pydict()
+    for name in ("tension_max", "rail.impulse", "rail.friction", "bar.force_max", "bar.dissipated"):
+        first, other = metrics[name]
+        assert other == pytest.approx(first, rel=1e-7), name
+
+
 def test_forces_on_backs_are_found_along_the_face():
     """Of all frames, none is lost at the ends of the face, and most are where the strand lies on it."""
     drive = wrapped_drive(0.15, **{"run.duration": 0.02})
