@@ -44,7 +44,7 @@ class Drive:
     chains: wp.int32  # chains of the variant that begins here, each a row; 0: a further one of that before
     rollers: wp.int32  # N
     sprockets: wp.int32  # S
-    guides: wp.int32  # G
+    guides: wp.int32  # G: of a silent chain the backs' rows, then as many of its pins (`physics.back`)
     bodies: wp.int32  # B: the sprockets are the first S of them
     arms: wp.int32  # A: the last A of them
     tensioners: wp.int32
@@ -525,6 +525,7 @@ class Guide:
     length: wp.float64  # |b - a| [m]
     end_radius: wp.float64  # Rg [m]
     roller_radius: wp.float64  # Rr, or how far from the face a roller's center is that touches it [m]
+    back_radius: wp.float64  # R_c of the backs of links that touch it; 0: rollers do (`physics.back`) [m]
     slack: wp.float64  # what float32 alone may be off by in telling which rollers are near [m]; 0 at float64
     deepest_entry: wp.float64  # a roller first seen deeper than this has not come through the face [m]
     law: ContactLaw
@@ -882,7 +883,7 @@ class State:
     impact_speed: wp.array[wp.float64]  # (contact memories,): v0 [m/s], not positive while open (`contact`)
     contact_hold: wp.array[wp.float64]  # (contact memories,): what friction's bristle holds [N] (`friction`)
     damper_speed: wp.array[wp.float64]  # the same: speed at which the damper acted in the step before [m/s] (`impact`)
-    push: wp.array[wp.float64]  # of silent chains: forces of flank ends in the step before, then all on pins, x, y [N]
+    push: wp.array[wp.float64]  # of silent chains: forces on links in the step before, then all on pins, x, y [N]
     joint_hold: wp.array[wp.float64]  # (all rollers,): the same of joints [N m]
     hub_hold: wp.array[wp.float64]  # (all sprockets,): the same of bearings [N m]
     totals: wp.array[Totals]  # (all sprockets and guide-bars,)
@@ -901,7 +902,7 @@ class Memory:
     impact_speed: wp.array[wp.float64]
     bristle: wp.array[wp.float64]  # `State.contact_hold`
     damper_row: wp.int32  # row of the speeds at which dampers acted in the step before (`contact_rows.damper_row`)
-    push_row: wp.int32  # of a silent chain: row of a flank end's forces in the step before, and
+    push_row: wp.int32  # of a silent chain: row of forces on links in the step before, and
     speed_row: wp.int32  # of its v0 (`contact_rows`)
     first: wp.int32  # of this partner's rollers
     stage: wp.int32  # v0 and holds are kept at stage 0 only, a step's start

@@ -13,7 +13,7 @@ from drives import jointed_blade, timing, two_sprockets
 from open_chains import hoist
 from parts import coupling, gears, shaft
 from raw import stepped
-from silent_chains import silent_drive
+from silent_chains import guided_silent_drive, silent_drive
 
 from warpchain import Drive, dumps_drive, load_drive
 from warpchain.drive.drive import drive_values
@@ -207,6 +207,17 @@ def silent_rubbing():
     pulled = {"sprockets.driven.mount": slider, "sprockets.driven.mass": 30.0}
     rubs = {name: value for name, value in RUBS.items() if "guide" not in name}
     return [drive.with_values(rubs | BENDING | more) for drive, more in zip(silent(), ({}, pulled), strict=True)]
+
+
+def silent_guided():
+    """Silent chains that rub on a bar and on a bent rail, which an arm on a spring carries."""
+    arm = {"name": "arm", "pivot": [0.19, 0.06], "mass": 0.2, "center": [0.11, 0.05], "inertia": 2e-3}
+    arm |= {"stiffness": 2e3, "damping": 1.0}
+    values = drive_values(guided_silent_drive(**RUBS, **{"sprockets.driven.load": {"torque": 20.0}}))
+    values["guides"][0]["arm"], values["run"]["step"] = "arm", 5e-6
+    drive = Drive(**values | {"arms": [arm]})
+    slow = {"sprockets.drive.prescribed.speed": 50.0, "contact.guide.law": "kelvin-voigt"}
+    return [drive, drive.with_values(slow)]
 
 
 def arms():

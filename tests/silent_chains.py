@@ -5,6 +5,7 @@ import math
 from drives import two_sprockets
 
 from warpchain import Drive, loads_drive
+from warpchain.drive.drive import drive_values
 
 CENTERS = 0.222
 """Distance of the two shafts [m]."""
@@ -53,3 +54,16 @@ def silent_drive(**values):
     del whole["chain"]["roller_radius"]
     whole["chain"]["kind"] = "silent"
     return Drive(**whole)
+
+
+def guided_silent_drive(**values: object) -> Drive:
+    """`pulled_silent_drive` with a bent rail above its chain, flat between two arcs, and a straight bar below."""
+    pitch = 9.525e-3
+    high = 0.5 * pitch / math.sin(math.pi / 23) + 0.4 * pitch - 2e-3  # of faces that press strands in by 2 mm
+    rail = {"name": "rail", "radius": 0.06, "end_radius": 0.005}
+    rail["points"] = [[0.17, high + 6e-3], [0.14, high], [0.08, high], [0.05, high + 6e-3]]
+    bar = {"name": "bar", "start": [0.07, -high], "end": [0.15, -high], "end_radius": 0.01}
+    drive = drive_values(pulled_silent_drive()) | {"guides": [rail, bar]}
+    drive["contact"]["guide"] = {"restitution": 0.5, "impact_speed_floor": 0.02, "stiffness": 1e7}
+    drive["sprockets"][1]["center"] = [CENTERS + 2.6e-3, 0.0]  # where it just fits
+    return Drive(**drive).with_values(values)

@@ -5,8 +5,10 @@ from functools import cache
 
 import warp as wp
 
+from ..physics.back import back_count
 from ..physics.body import wrench_with_force
 from ..structs import GROUND, Drive, Now, Totals, types
+from .backs import back_functions
 from .contact_forces import contact_force_functions
 from .contact_friction import contact_friction_functions
 from .contact_rows import contact_row_functions
@@ -43,6 +45,7 @@ def contact_pair_functions(Real: type, capacity: int, silent: bool) -> ContactPa
     toes = toe_functions(Real, capacity)
     toe_forces = toe_force_functions(Real, capacity)
     toe_pairs = toe_pair_functions(Real, capacity)
+    backs = back_functions(Real, capacity)
     guides = guide_functions(Real, capacity)
     contact_rows = contact_row_functions(Real, capacity)
     contact_forces = contact_force_functions(Real, capacity)
@@ -150,6 +153,9 @@ def contact_pair_functions(Real: type, capacity: int, silent: bool) -> ContactPa
                 memory.straight = kinds.vec2(Real(pose.straight[0]), Real(pose.straight[1]))
                 memory.angular = Real(pose.angular)
             changed = add_group_forces(w, group, law, friction, memory, state.totals, slot)
+            if wp.static(silent):
+                if drive.points > 1 and memory.wanted.measures != 0:
+                    state.totals[slot].dissipated -= backs.late_power(w, group, memory)
             if changed != 0 and memory.stage == 0:
                 if on_teeth:
                     seats.keep_impact_speeds(w, group.low, group.high, p, memory)
@@ -168,6 +174,8 @@ def contact_pair_functions(Real: type, capacity: int, silent: bool) -> ContactPa
         # one loop over all runs: with one over each partner's, rare values of a partner are laid out before its runs
         p = int(0)
         run = int(0)
+        if wp.static(silent):
+            links_end = drive.sprockets + back_count(drive.points, drive.guides)  # after what touches links
         while p < drive.sprockets + drive.guides:
             slot = drive.first_sprocket + drive.first_guide + p
             runs = neighbor_list.run_count(w, drive, p)
@@ -175,7 +183,7 @@ def contact_pair_functions(Real: type, capacity: int, silent: bool) -> ContactPa
                 state.totals[slot] = Totals()
                 memory.damper_row = contact_rows.damper_row(p)
                 if wp.static(silent):
-                    if drive.points > 1 and p < drive.sprockets:
+                    if drive.points > 1 and p < wp.min(links_end, drive.sprockets + 1):  # all backs are joined at once
                         rollers.clear_rows(w, row.near_x, row.near_y, drive.rollers)
                         rollers.clear_rows(w, row.next_x, row.next_y, drive.rollers + 1)
                         rollers.clear_rows(w, row.last_x, row.last_y, drive.rollers + 1)
@@ -185,6 +193,8 @@ def contact_pair_functions(Real: type, capacity: int, silent: bool) -> ContactPa
                 if wp.static(silent):
                     if drive.points > 1 and p < drive.sprockets:
                         toe_pairs.add_run_of_toes(ensemble, state, drive, place, w, p, run, memory)
+                    elif drive.points > 1 and p < links_end:
+                        backs.add_run_of_backs(ensemble, state, drive, place, w, p, run, memory)
                     else:
                         add_run_forces(ensemble, state, drive, w, p, run, memory)
                 else:
@@ -199,10 +209,11 @@ def contact_pair_functions(Real: type, capacity: int, silent: bool) -> ContactPa
                     )
                 if wp.static(silent):
                     memory.first = memory.first + wp.where(p < drive.sprockets, drive.points, 1) * drive.rollers
-                    if drive.points > 1 and p < drive.sprockets:
-                        state.totals[slot].dissipated -= toe_forces.join_forces(w, drive.rollers, memory)
-                        if p == drive.sprockets - 1 and memory.stage == 0:
-                            toe_forces.keep_forces(w, drive.rollers)
+                    if drive.points > 1 and (p < drive.sprockets or p == links_end - 1):
+                        of = wp.min(p, drive.sprockets) - p  # of all backs at the first guide
+                        state.totals[slot + of].dissipated -= toe_forces.join_forces(w, drive.rollers, memory)
+                    if drive.points > 1 and p == drive.sprockets + drive.guides - 1 and memory.stage == 0:
+                        toe_forces.keep_forces(w, drive.rollers)
                 else:
                     memory.first = memory.first + drive.rollers
                 run = 0

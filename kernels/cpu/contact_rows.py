@@ -9,6 +9,7 @@ from functools import cache
 import warp as wp
 
 from ..native import row_access
+from ..physics.back import back_count
 from ..structs import Drive, types
 from .neighbor_list import Group, is_near
 from .rollers import ROWS, rows
@@ -23,6 +24,7 @@ class ContactRowFunctions:
     store_arm: wp.Function
     store_contact: wp.Function
     damper_row: wp.Function
+    link_contacts: wp.Function
     push_row: wp.Function
     speed_row: wp.Function
     fetch_dampers: wp.Function
@@ -81,14 +83,19 @@ def contact_row_functions(Real: type, capacity: int) -> ContactRowFunctions:
         return wp.static(len(ROWS) * capacity) + p * wp.static(capacity)
 
     @wp.func
-    def push_row(drive: Drive, s: int):
-        """First index of the rows of last step's forces of a silent chain's flank ends on wheel `s`."""
-        return damper_row(drive.sprockets * drive.points + drive.guides + s * drive.points)
+    def link_contacts(drive: Drive):
+        """Contacts of a silent chain's link: its first pin's flank ends with sprockets, then its back with guides."""
+        return drive.sprockets * drive.points + back_count(drive.points, drive.guides)
 
     @wp.func
-    def speed_row(drive: Drive, s: int):
-        """First index of the rows of v0 of a silent chain's flank ends on wheel `s`."""
-        return push_row(drive, drive.sprockets + s)
+    def speed_row(drive: Drive, c: int):
+        """First index of the row of v0 of a silent chain's contacts `c` of links."""
+        return damper_row(drive.sprockets * drive.points + drive.guides + c)
+
+    @wp.func
+    def push_row(drive: Drive, c: int):
+        """First index of the row of what a silent chain's contacts `c` of links exerted in the step before."""
+        return speed_row(drive, link_contacts(drive) + c)
 
     @wp.func
     def fetch_dampers(state: State, drive: Drive, w: wp.array[Real]):
@@ -127,6 +134,7 @@ def contact_row_functions(Real: type, capacity: int) -> ContactRowFunctions:
         store_arm=store_arm,
         store_contact=store_contact,
         damper_row=damper_row,
+        link_contacts=link_contacts,
         push_row=push_row,
         speed_row=speed_row,
         fetch_dampers=fetch_dampers,

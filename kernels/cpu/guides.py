@@ -20,6 +20,7 @@ class GuideFunctions:
 
     mark_over_bar: wp.Function
     forget_bar: wp.Function
+    face_penetration: wp.Function
     find_bar_contacts: wp.Function
     count_missed: wp.Function
     mark_over_profile: wp.Function
@@ -196,6 +197,7 @@ def guide_functions(Real: type, capacity: int) -> GuideFunctions:
     return GuideFunctions(
         mark_over_bar=mark_over_bar,
         forget_bar=forget_bar,
+        face_penetration=face_penetration,
         find_bar_contacts=find_bar_contacts,
         count_missed=count_missed,
         mark_over_profile=mark_over_profile,

@@ -119,7 +119,7 @@ def near_roller_functions(Real: type, capacity: int) -> NearRollerFunctions:
         find_poses(state, drive)
         for p in range(drive.sprockets + drive.guides):
             partner = partners.partner_at(ensemble, state, drive, p)
-            memory.speed_row = contact_rows.speed_row(drive, p)
+            memory.speed_row = contact_rows.speed_row(drive, p * drive.points)
             if partner.teeth != 0 or partner.body == GROUND:
                 mark_near(w, 0, access.round_up(n), partners.widened_partner(partner, skin))
             else:

@@ -92,9 +92,9 @@ class Rows:
     runs: int  # of partner i of the drive
     lifetime: int  # 0: steps for which they hold; 1: as long as none is faster [m/s]
     joint_friction: int  # tally of the powers that the roller's joints take [W]
-    toe_x: int  # of a silent chain (`toes`): force of teeth on the pin in the step before [N]
+    toe_x: int  # of a silent chain (`toes`): force of contacts on the pin in the step before [N]
     toe_y: int
-    pin_ax: int  # acceleration of the pin by its links, and by teeth as in the step before [m/s^2]
+    pin_ax: int  # acceleration of the pin by its links, and by contacts as in the step before [m/s^2]
     pin_ay: int
     link_ux: int  # unit vector of link i at i + 1, like the seven that follow
     link_uy: int
@@ -113,7 +113,7 @@ class Rows:
     exception: int  # 1: it is worked out apart, as few are
     held: int  # speed at which its damper acted then [m/s]
     point_mobility: int  # inverse mass along its normal over a roller's [-]
-    near_x: int  # force of a wheel's teeth at the pin on it, and in the end all of theirs on it [N]
+    near_x: int  # force of a wheel's teeth, or of guides on backs, at the pin on it, and in the end all of theirs [N]
     near_y: int
     next_x: int  # of pin i at i + 1: and on the next pin, by the link between
     next_y: int

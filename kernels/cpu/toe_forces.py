@@ -149,7 +149,7 @@ def toe_force_functions(Real: type, capacity: int) -> ToeForceFunctions:
     def find_powers(w: wp.array[Real], group: Group, law: kinds.ContactLaw, rubs: bool, memory: Memory):
         """Stores the powers of a group's contacts, with friction's where they rub; returns 1 if any contact begins.
 
-        Accelerations are by teeth as in the step before: `join_forces` has the rest.
+        Accelerations are by contacts as in the step before: `join_forces` has the rest.
         """
         began = int(0)
         i = group.low
@@ -193,14 +193,16 @@ def toe_force_functions(Real: type, capacity: int) -> ToeForceFunctions:
         i = wp.where(memory.wanted.measures != 0, 0, n)
         while i < n:
             x, y = access.load(w, row.near_x + i), access.load(w, row.near_y + i)
-            change_x, change_y = x - access.load(w, row.toe_x + i), y - access.load(w, row.toe_y + i)
+            # with those joined before, so that all together take what they do in their sum
+            change_x = Real(2.0) * access.load(w, row.fx + i) - x - access.load(w, row.toe_x + i)
+            change_y = Real(2.0) * access.load(w, row.fy + i) - y - access.load(w, row.toe_y + i)
             less += access.load(w, row.mobility + i) * (x * change_x + y * change_y)
             i = i + 1
         return wp.float64(memory.lag * memory.inverse_mass * less)
 
     @wp.func
     def keep_forces(w: wp.array[Real], n: int):
-        """Keeps the teeth's force on each pin, which has no other contacts yet, for the next step."""
+        """Keeps the force of all contacts on each pin for the next step."""
         i = int(0)
         while i < n:
             access.store(w, row.toe_x + i, access.load(w, row.fx + i))

@@ -23,9 +23,11 @@ from .toes import toe_functions
 
 @dataclass(frozen=True)
 class ToePairFunctions:
-    """CPU functions of a silent chain's contacts with one wheel."""
+    """CPU functions of a silent chain's contacts with one wheel, and what those of backs have in common with them."""
 
     add_run_of_toes: wp.Function
+    recall_contacts: wp.Function
+    add_back_forces: wp.Function
 
 
 @cache
@@ -54,27 +56,30 @@ def toe_pair_functions(Real: type, capacity: int) -> ToePairFunctions:
         last: wp.int32  # after the run's last pin; beyond it none is seated
         slot: wp.int32  # of the wheel's totals
 
-    def end_function(end: int) -> wp.Function:
-        """Function that adds the forces of flank end `end`."""
-        find_contacts, add_forces = toes.find_contacts[end], toe_forces.add_forces[int(end >= 2)]
+    @wp.func
+    def recall_contacts(w: wp.array[Real], group: Group, memory: Memory):
+        """Copies what a group's contacts of links have kept to its rows."""
+        contact_forces.copy_row(w, group, memory.speed_row, row.v0_before)
+        contact_forces.copy_row(w, group, memory.push_row, row.pushed)
+        contact_forces.copy_row(w, group, memory.damper_row, row.damper_speed)
+
+    def force_function(after: bool, on_teeth: bool) -> wp.Function:
+        """Function that adds the forces of contacts of links after pins, or before them, on teeth or a guide."""
+        add_forces = toe_forces.add_forces[int(not after)]
+        sizes = row.sprocket_force if on_teeth else row.guide_force
 
         @wp.func
-        def add_end_forces(
+        def add_contact_forces(
             w: wp.array[Real],
-            run: ToeRun,
-            plate: Plate,
-            partner: partners.Partner,
+            group: Group,
+            law: kinds.ContactLaw,
             friction: kinds.Friction,
             memory: Memory,
             totals: wp.array[Totals],
+            slot: int,
         ):
-            """Adds the forces of one flank end at a run's pins to rows of pins and to the wheel's totals."""
-            group, law, slot = run.group, partner.sprocket.law, run.slot
+            """Adds the forces of a group's contacts to rows of pins and to the partner's totals."""
             measured = memory.wanted.measures != 0
-            contact_forces.copy_row(w, group, memory.speed_row, row.v0_before)
-            contact_forces.copy_row(w, group, memory.push_row, row.pushed)
-            contact_forces.copy_row(w, group, memory.damper_row, row.damper_speed)
-            find_contacts(w, group, run.last, plate, partner.sprocket, partner.pose, partner.body, memory)
             toe_forces.find_normal_forces(w, group, law, memory)
             if friction.inertia > Real(0.0):
                 contact_friction.add_friction_forces(w, group, friction, memory)
@@ -88,11 +93,33 @@ def toe_pair_functions(Real: type, capacity: int) -> ToePairFunctions:
                 contact_sums.add_measured_totals(w, group, law, friction, memory.wanted, totals, slot)
                 if began != 0:
                     totals[slot].impacts += contact_sums.count_beginning(w, group)
-                    totals[slot].contacts += teeth.count_first_contacts(w, group)
+                    if wp.static(on_teeth):
+                        totals[slot].contacts += teeth.count_first_contacts(w, group)
             else:
                 contact_sums.add_totals(w, group, totals, slot, False, False)
             if memory.wanted.sizes != 0:
-                contact_rows.add_force_sizes(w, group, row.sprocket_force)
+                contact_rows.add_force_sizes(w, group, wp.static(sizes))
+
+        return add_contact_forces
+
+    def end_function(end: int) -> wp.Function:
+        """Function that adds the forces of flank end `end`."""
+        find_contacts, add_forces = toes.find_contacts[end], force_function(end < 2, True)
+
+        @wp.func
+        def add_end_forces(
+            w: wp.array[Real],
+            run: ToeRun,
+            plate: Plate,
+            partner: partners.Partner,
+            friction: kinds.Friction,
+            memory: Memory,
+            totals: wp.array[Totals],
+        ):
+            """Adds the forces of one flank end at a run's pins to rows of pins and to the wheel's totals."""
+            recall_contacts(w, run.group, memory)
+            find_contacts(w, run.group, run.last, plate, partner.sprocket, partner.pose, partner.body, memory)
+            add_forces(w, run.group, partner.sprocket.law, friction, memory, totals, run.slot)
 
         return add_end_forces
 
@@ -134,7 +161,7 @@ def toe_pair_functions(Real: type, capacity: int) -> ToePairFunctions:
         n = drive.rollers
         first, count = neighbor_list.run_span(w, drive, p, run)
         partner = partners.sprocket_partner(ensemble, state, drive, p)
-        memory.speed_row = contact_rows.speed_row(drive, p)
+        memory.speed_row = contact_rows.speed_row(drive, p * ENDS)
         group = near_rollers.find_gap_contacts(w, ensemble, first, first + count, n, partner, memory)
         if group.high > group.low:
             some = ToeRun()
@@ -148,7 +175,7 @@ def toe_pair_functions(Real: type, capacity: int) -> ToePairFunctions:
             memory.straight = kinds.vec2(Real(pose.straight[0]), Real(pose.straight[1]))
             memory.angular = Real(pose.angular)
             memory.damper_row = contact_rows.damper_row(p * ENDS)
-            memory.push_row = contact_rows.push_row(drive, p)
+            memory.push_row = contact_rows.push_row(drive, p * ENDS)
             first_end(w, some, own, partner, friction, memory, state.totals)
             memory = next_end(memory, n)
             second_end(w, some, own, partner, friction, memory, state.totals)
@@ -157,4 +184,8 @@ def toe_pair_functions(Real: type, capacity: int) -> ToePairFunctions:
             memory = next_end(memory, n)
             fourth_end(w, some, own, partner, friction, memory, state.totals)
 
-    return ToePairFunctions(add_run_of_toes=add_run_of_toes)
+    return ToePairFunctions(
+        add_run_of_toes=add_run_of_toes,
+        recall_contacts=recall_contacts,
+        add_back_forces=force_function(True, False),
+    )

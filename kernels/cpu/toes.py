@@ -24,6 +24,7 @@ class ToeFunctions:
     fetch_pushes: wp.Function
     put_back_pushes: wp.Function
     find_link_motions: wp.Function
+    find_motions: wp.Function  # of contacts of links after pins
     find_contacts: tuple[wp.Function, ...]  # of each of a pin's flank ends (`physics.toe.ENDS`)
 
 
@@ -42,13 +43,13 @@ def toe_functions(Real: type, capacity: int) -> ToeFunctions:
     def fetch_pushes(state: State, drive: Drive, w: wp.array[Real]):
         """Copies v0 and forces of the step before from the state to their rows, at a launch's begin."""
         n = drive.rollers
-        for p in range(drive.sprockets * ENDS):
+        for p in range(contact_rows.link_contacts(drive)):
             push, speed = p * wp.static(capacity), p * wp.static(capacity)
             push, speed = push + contact_rows.push_row(drive, 0), speed + contact_rows.speed_row(drive, 0)
             for i in range(n):
                 access.store(w, push + i, access.load(state.push, drive.first_push + p * n + i))
                 access.store(w, speed + i, access.load(state.impact_speed, drive.first_contact + p * n + i))
-        at = drive.first_push + drive.sprockets * ENDS * n
+        at = drive.first_push + contact_rows.link_contacts(drive) * n
         for i in range(n):
             access.store(w, row.toe_x + i, access.load(state.push, at + i))
             access.store(w, row.toe_y + i, access.load(state.push, at + n + i))
@@ -57,20 +58,20 @@ def toe_functions(Real: type, capacity: int) -> ToeFunctions:
     def put_back_pushes(state: State, drive: Drive, w: wp.array[Real]):
         """Copies v0 and forces of the step before from their rows to the state, at a launch's end."""
         n = drive.rollers
-        for p in range(drive.sprockets * ENDS):
+        for p in range(contact_rows.link_contacts(drive)):
             push, speed = p * wp.static(capacity), p * wp.static(capacity)
             push, speed = push + contact_rows.push_row(drive, 0), speed + contact_rows.speed_row(drive, 0)
             for i in range(n):
                 access.store(state.push, drive.first_push + p * n + i, access.load(w, push + i))
                 access.store(state.impact_speed, drive.first_contact + p * n + i, access.load(w, speed + i))
-        at = drive.first_push + drive.sprockets * ENDS * n
+        at = drive.first_push + contact_rows.link_contacts(drive) * n
         for i in range(n):
             access.store(state.push, at + i, access.load(w, row.toe_x + i))
             access.store(state.push, at + n + i, access.load(w, row.toe_y + i))
 
     @wp.func
     def link_acceleration(w: wp.array[Real], i: int, chain: Chain):
-        """Acceleration [m/s^2] of pin `i` by its links now, and by the teeth as in the step before."""
+        """Acceleration [m/s^2] of pin `i` by its links now, and by its contacts as in the step before."""
         a = rollers.acceleration(w, i, chain.inverse_mass, chain.gravity)
         own = chain.inverse_mass * access.load(w, row.mobility + i)
         return vec2(a[0] + own * access.load(w, row.toe_x + i), a[1] + own * access.load(w, row.toe_y + i))
@@ -108,8 +109,8 @@ def toe_functions(Real: type, capacity: int) -> ToeFunctions:
             first = row.link_ux + k * wp.static(capacity)
             access.store(w, first, access.load(w, first + n))
 
-    def contact_function(end: int) -> wp.Function:
-        """Function that stores contacts of flank end `end`."""
+    def contact_functions(end: int) -> tuple[wp.Function, wp.Function]:
+        """Functions that store contacts of flank end `end`, and the motions of contacts of its link."""
         after, number_of_end = end < 2, end % 2
         apart, sign = int(after), 1.0 if after else -1.0
 
@@ -172,7 +173,7 @@ def toe_functions(Real: type, capacity: int) -> ToeFunctions:
 
         @wp.func
         def find_motions(w: wp.array[Real], group: Group, body: Pose, memory: Memory):
-            """Stores relative velocities and accelerations of one flank end at the group's pins."""
+            """Stores relative velocities and accelerations of contacts of links at the group's pins."""
             center_vx, center_vy, omega = Real(body.velocity[0]), Real(body.velocity[1]), Real(body.speed)
             i = group.low
             while i < group.high:
@@ -213,11 +214,13 @@ def toe_functions(Real: type, capacity: int) -> ToeFunctions:
             find_places(w, group, last, plate, sprocket, number)
             find_motions(w, group, body, memory)
 
-        return find_contacts
+        return find_contacts, find_motions
 
+    of_ends = [contact_functions(end) for end in range(int(ENDS))]
     return ToeFunctions(
         fetch_pushes=fetch_pushes,
         put_back_pushes=put_back_pushes,
         find_link_motions=find_link_motions,
-        find_contacts=tuple(contact_function(end) for end in range(int(ENDS))),
+        find_motions=of_ends[0][1],
+        find_contacts=tuple(find for find, _ in of_ends),
     )

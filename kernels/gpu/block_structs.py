@@ -30,7 +30,8 @@ def block_structs(Real: type) -> SimpleNamespace:
         first_arm: wp.int32
         first_shaft: wp.int32
         partners: wp.int32  # its sprockets and guides, as bits
-        first_push: wp.int32  # of a silent one: its values in `State.push`
+        first_push: wp.int32  # of a silent one: its values in `State.push`, and
+        backs: wp.int32  # guides' rows of its backs (`physics.back`)
         first_contact: wp.int32  # its contact memories
         sprockets: wp.int32
 

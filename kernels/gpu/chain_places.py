@@ -5,6 +5,7 @@ from functools import cache
 
 import warp as wp
 
+from ..physics.back import back_count
 from .block_kinds import BlockKind
 from .block_structs import MOST_CHAINS, ThreadParts
 from .sync import sync_functions
@@ -45,6 +46,7 @@ def chain_place_functions(kind: BlockKind) -> ChainPlaceFunctions:
         place.first_arm = drive.first_arm - whole.first_arm
         place.first_shaft = drive.first_shaft - whole.first_shaft
         place.first_push = drive.first_push
+        place.backs = back_count(drive.points, drive.guides)
         place.first_contact = drive.first_contact
         place.sprockets = drive.sprockets
         bars = sprockets + place.first_guide

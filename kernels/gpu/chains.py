@@ -174,13 +174,15 @@ def chain_functions(kind: BlockKind) -> ChainFunctions:
 
     @wp.func
     def toe_memory(shared: Shared, mine: ThreadParts, j: int):
-        """Index in `State.push` of the force of teeth on a block's pin j in x, and the offset of that in y."""
+        """Index in `State.push` of the force of contacts on a block's pin j in x, and the offset of that in y."""
         if wp.static(several):
             place = shared.chain_places[chain_number(shared, j)]
             count = place.end_roller - place.first_roller
-            return place.first_push + place.sprockets * ENDS * count + j - place.first_roller, count
+            contacts = place.sprockets * ENDS + place.backs
+            return place.first_push + contacts * count + j - place.first_roller, count
         else:
-            return mine.first_push + wp.static(sprockets * int(ENDS)) * mine.rollers + j, mine.rollers
+            contacts = wp.static(sprockets * int(ENDS) + kind.parts.guides // 2)
+            return mine.first_push + contacts * mine.rollers + j, mine.rollers
 
     @wp.func
     def strand_in_chain(shared: Shared, drive: Drive, j: int, strand: int):

@@ -9,6 +9,7 @@ from functools import cache
 import warp as wp
 
 from ..structs import Tallies
+from .backs import back_functions
 from .block_kinds import BlockKind
 from .block_structs import ThreadParts
 from .contacts import contact_functions
@@ -42,7 +43,7 @@ def contact_force_functions(kind: BlockKind) -> ContactForceFunctions:
     teeth = tooth_functions(kind)
     guides = guide_functions(kind)
     strand_loads = strand_load_functions(kind)
-    toes, toe_rows = toe_functions(kind), toe_row_functions(kind)
+    toes, toe_rows, backs = toe_functions(kind), toe_row_functions(kind), back_functions(kind)
 
     @wp.func
     def add_contact_forces(
@@ -76,6 +77,8 @@ def contact_force_functions(kind: BlockKind) -> ContactForceFunctions:
             if done == 0:
                 teeth.add_tooth_force(ensemble, state, tallies, shared, mine, now, j, contact)
         if wp.static(kind.silent):
+            if wp.static(kind.parts.guides):
+                backs.add_back_forces(ensemble, state, tallies, shared, mine, now, contact.near)
             toe_rows.join_forces(state, tallies, shared, mine, now)
         if wp.static(kind.parts.guides):
             guides.add_guide_forces(ensemble, state, tallies, shared, mine, now, near)

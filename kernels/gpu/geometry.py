@@ -102,10 +102,10 @@ def geometry_functions(kind: BlockKind) -> GeometryFunctions:
         return leading_value(difference(rollers.exact_position(shared.rows, j), shared.poses[b].center))
 
     @wp.func
-    def arm_and_carrier_coordinates(shared: Shared, j: int, b: int):
-        """Vector [m] to a block's roller j from the center of a guide's carrier b, and that in the carrier's frame."""
+    def arm_and_carrier_coordinates(shared: Shared, p: Any, b: int):
+        """Vector [m] to a place p from the center of a guide's carrier b, and that in the carrier's frame."""
         carrier = shared.poses[b]
-        arm = difference(rollers.exact_position(shared.rows, j), carrier.center)
+        arm = difference(p, carrier.center)
         q = arm
         if b < body_count:  # the ground has not turned
             q = frame_vector(arm, carrier)

@@ -19,6 +19,7 @@ from .geometry import geometry_functions
 from .partner_bits import partner_bit_functions
 from .rollers import roller_functions
 from .sync import add_to_element
+from .toe_rows import toe_row_functions
 from .wrench_parts import wrench_part_functions
 
 
@@ -43,6 +44,7 @@ def guide_functions(kind: BlockKind) -> GuideFunctions:
     contacts = contact_functions(kind)
     wrench_parts = wrench_part_functions(kind)
     partner_bits = partner_bit_functions(kind)
+    toe_rows = toe_row_functions(kind)
     rows_of_pieces = aligned_rows(kinds.Piece)
 
     @wp.func
@@ -52,7 +54,7 @@ def guide_functions(kind: BlockKind) -> GuideFunctions:
         """Penetration [m], normal and relative velocity [m/s] of roller j on the profile of guide g."""
         at = chains.contact_memory(shared, mine, j, sprockets + g)
         kept = whole_access.load(state.seat, at)
-        arm, q = geometry.arm_and_carrier_coordinates(shared, j, bar.body)
+        arm, q = geometry.arm_and_carrier_coordinates(shared, rollers.exact_position(shared.rows, j), bar.body)
         pieces = rows_of_pieces(ensemble.pieces)
         number = int(kept)
         if kept < 0:
@@ -121,6 +123,9 @@ def guide_functions(kind: BlockKind) -> GuideFunctions:
                     carrier = shared.poses[bar.body]
                 contact.acceleration = contacts.approach_acceleration(shared, carrier, arm, j)
                 closed, force = contacts.add_normal_force(state, tallies, shared, mine, now, j, contact, bar.law)
+                if wp.static(kind.silent):
+                    if closed and toe_rows.is_silent(shared, j):
+                        toe_rows.add_late_force(state, tallies, shared, mine, now, j, contact.partner, force)
                 if wp.static(kind.profiles):
                     if closed and bar.body < body_count:
                         moment = reaction_moment(arm, force)
@@ -143,6 +148,10 @@ def guide_functions(kind: BlockKind) -> GuideFunctions:
         while partner_bits.has_any(by_bar):
             j, p = partner_bits.first_pair(by_bar, mine.thread)
             by_bar = partner_bits.without_first_pair(by_bar)
-            add_guide_force(ensemble, state, tallies, shared, mine, now, j, p - sprockets)
+            if wp.static(kind.silent):
+                if shared.guides[p - sprockets].back_radius == Real(0.0):
+                    add_guide_force(ensemble, state, tallies, shared, mine, now, j, p - sprockets)
+            else:
+                add_guide_force(ensemble, state, tallies, shared, mine, now, j, p - sprockets)
 
     return GuideFunctions(add_guide_forces=add_guide_forces)

@@ -56,13 +56,9 @@ def roller_rows(kind: BlockKind) -> RollerRows:
     return type("RollerRows", (), firsts)  # as Warp reads constants from attributes of a class, not of an object
 
 
-FORCE_ROWS = 6
-"""Rows of `ForceRows`."""
-
-
 @dataclass(frozen=True)
 class ForceRows:
-    """First index of each shared row of forces of teeth on a silent chain's pins, after all other rows."""
+    """First index of each shared row of forces of teeth and guides on a silent chain's links, after all other rows."""
 
     near_x: int  # at the pin itself [N]
     near_y: int
@@ -70,11 +66,20 @@ class ForceRows:
     next_y: int
     last_x: int  # at the pin before [N]
     last_y: int
+    back_x: int  # of guides on the back after the pin, at the pin itself; with guides only, as the next [N]
+    back_y: int
+    ahead_x: int  # at the next pin [N]
+    ahead_y: int
+
+
+def force_row_count(kind: BlockKind) -> int:
+    """Rows of `ForceRows` that a block has."""
+    return kind.silent * (len(fields(ForceRows)) - 4 * (kind.parts.guides == 0))
 
 
 @cache
 def force_rows(kind: BlockKind) -> ForceRows:
-    """First index of each shared row of forces of teeth on a silent chain's pins, in block kernels."""
+    """First index of each shared row of forces of teeth and guides on a silent chain's links, in block kernels."""
     before = shared_rows(kind.Real) + joint_rows(kind) + mass_rows(kind)
     firsts = {field.name: (before + k) * kind.shape.slots for k, field in enumerate(fields(ForceRows))}
     return type("ForceRows", (), firsts)
@@ -212,7 +217,7 @@ def block_memory(kind: BlockKind) -> BlockMemory:
     """Sizes and places of the memory of a block kind."""
     fields = kind.types.Shared.vars
     parts = part_rows(kind) * kind.parts.bodies * parts_per_body(kind)
-    rows = shared_rows(kind.Real) + joint_rows(kind) + mass_rows(kind) + kind.silent * FORCE_ROWS
+    rows = shared_rows(kind.Real) + joint_rows(kind) + mass_rows(kind) + force_row_count(kind)
     rows *= kind.shape.slots
     seen = tally_places(kind)[-1] if kind.measuring else 0
 

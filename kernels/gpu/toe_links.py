@@ -1,4 +1,4 @@
-"""Links of a block's silent chains as their flanks' contacts see them: place, motion, acceleration."""
+"""Links of a block's silent chains as their contacts see them, place, motion, acceleration, and what they touch."""
 
 from dataclasses import dataclass
 from functools import cache
@@ -21,6 +21,8 @@ class ToeLinkFunctions:
     """Links of one variant's silent chains."""
 
     Link: Any
+    partner_law: wp.Function
+    partner_pose: wp.Function
     pin_acceleration: wp.Function
     link_of_pin: wp.Function
     with_motion: wp.Function
@@ -29,7 +31,7 @@ class ToeLinkFunctions:
 @cache
 def toe_link_functions(kind: BlockKind) -> ToeLinkFunctions:
     """The functions that find links of silent chains of one variant on a block."""
-    Real, kinds = kind.Real, kind.types
+    Real, kinds, sprockets = kind.Real, kind.types, kind.parts.sprockets
     State, Shared, vec2 = kinds.State, kinds.Shared, kinds.vec2
     chains = chain_functions(kind)
     rollers = roller_functions(kind)
@@ -48,8 +50,27 @@ def toe_link_functions(kind: BlockKind) -> ToeLinkFunctions:
         middle: vec2  # from the wheel's center [m]
 
     @wp.func
+    def partner_law(shared: Shared, p: int):
+        """Contact law of partner p."""
+        if wp.static(kind.parts.guides > 0):
+            if p >= sprockets:
+                return shared.guides[p - sprockets].law
+        return shared.teeth[p].law
+
+    @wp.func
+    def partner_pose(shared: Shared, p: int):
+        """Pose of partner p's body; a guide's that nothing carries is at zero."""
+        if wp.static(kind.parts.guides > 0):
+            if p >= sprockets:
+                if wp.static(kind.profiles):
+                    return shared.poses[shared.guides[p - sprockets].body]
+                else:
+                    return kinds.Pose()
+        return shared.poses[p]
+
+    @wp.func
     def pin_acceleration(state: State, shared: Shared, mine: ThreadParts, j: int):
-        """Acceleration of pin j by its links now, and by teeth as in the step before [m/s^2]."""
+        """Acceleration of pin j by its links now, and by contacts as in the step before [m/s^2]."""
         chain = chains.chain_at(shared, j)
         force = rollers.force(shared, j) + toe_rows.force_before(state, shared, mine, j)
         return roller_acceleration(force, chain.inverse_mass, chain.gravity)
@@ -81,6 +102,8 @@ def toe_link_functions(kind: BlockKind) -> ToeLinkFunctions:
 
     return ToeLinkFunctions(
         Link=Link,
+        partner_law=partner_law,
+        partner_pose=partner_pose,
         pin_acceleration=pin_acceleration,
         link_of_pin=link_of_pin,
         with_motion=with_motion,

@@ -1,4 +1,4 @@
-"""Rows of forces of teeth on the pins of a block's silent chains: at a pin, and by its links on those beside it."""
+"""Rows of forces of teeth and guides on a block's silent chains: at a pin, and by its links on those beside it."""
 
 from dataclasses import dataclass
 from functools import cache
@@ -13,7 +13,7 @@ from .chains import chain_functions
 from .contact_sums import contact_sum_functions
 from .contacts import contact_functions
 from .rollers import roller_functions
-from .shared_memory import FORCE_ROWS, force_rows
+from .shared_memory import force_row_count, force_rows
 from .sync import sync_functions
 
 
@@ -26,6 +26,7 @@ class ToeRowFunctions:
     clear_forces: wp.Function
     force_before: wp.Function
     join_forces: wp.Function
+    add_late_force: wp.Function
 
 
 @cache
@@ -62,13 +63,13 @@ def toe_row_functions(kind: BlockKind) -> ToeRowFunctions:
     def clear_forces(shared: Shared, mine: ThreadParts):
         """Sets the rows of forces of the thread's pins to zero; all threads together, once links have theirs."""
         for k in range(rollers_per_thread):
-            for q in range(FORCE_ROWS):
+            for q in range(wp.static(force_row_count(kind))):
                 access.store(shared.rows, row.near_x + q * slots + k * threads + mine.thread, Real(0.0))
         sync.barrier()
 
     @wp.func
     def force_before(state: State, shared: Shared, mine: ThreadParts, j: int):
-        """Force of teeth on pin j in the step before [N]."""
+        """Force of contacts on pin j in the step before [N]."""
         at, n = chains.toe_memory(shared, mine, j)
         return vec2(access.load(state.push, at), access.load(state.push, at + n))
 
@@ -87,8 +88,37 @@ def toe_row_functions(kind: BlockKind) -> ToeRowFunctions:
         return found
 
     @wp.func
+    def first_guide(shared: Shared, j: int):
+        """The number of the first guide of roller j's chain."""
+        if wp.static(kind.parts.chains > 1):
+            return shared.chain_places[chains.chain_number(shared, j)].first_guide
+        else:
+            return int(0)
+
+    @wp.func
+    def add_power_taken_less(
+        tallies: Tallies, shared: Shared, mine: ThreadParts, now: Now, j: int, p: int, force: vec2, change: vec2
+    ):
+        """Takes what `force` on pin j does less by the acceleration of another, `change`, from partner p's sums."""
+        if wp.static(kind.measuring) and now.measures != 0:
+            if force[0] != Real(0.0) or force[1] != Real(0.0):
+                less = contacts.velocity_lag(mine) * chains.chain_at(shared, j).inverse_mass
+                less = less * products(force[0], change[0], force[1], change[1])
+                contact_sums.add_powers(tallies, now, chains.contact_memory(shared, mine, j, p), -less, Real(0.0))
+
+    @wp.func
+    def back_force(shared: Shared, mine: ThreadParts, j: int):
+        """Force of guides on pin j by the backs of its two links [N]."""
+        if wp.static(kind.parts.guides > 0):
+            before = chains.previous_roller(shared, j, mine.rollers)
+            rows = shared.rows
+            return pair_at(rows, row.back_x, row.back_y, j) + pair_at(rows, row.ahead_x, row.ahead_y, before)
+        else:
+            return vec2()
+
+    @wp.func
     def join_forces(state: State, tallies: Tallies, shared: Shared, mine: ThreadParts, now: Now):
-        """Adds to the thread's pins what teeth exert on their two links, and keeps that; all threads together."""
+        """Adds to the thread's pins what acts on their two links, and keeps that; all threads together."""
         sync.barrier()
         rows, n = shared.rows, mine.rollers
         for k in range(rollers_per_thread):
@@ -97,18 +127,32 @@ def toe_row_functions(kind: BlockKind) -> ToeRowFunctions:
                 total = pair_at(rows, row.near_x, row.near_y, j)
                 total = total + pair_at(rows, row.next_x, row.next_y, chains.previous_roller(shared, j, n))
                 total = total + pair_at(rows, row.last_x, row.last_y, chains.next_roller(shared, j, n))
-                rollers.set_force(shared, j, rollers.force(shared, j) + total)
+                backs = back_force(shared, mine, j)
+                rollers.set_force(shared, j, rollers.force(shared, j) + (total + backs))
                 if now.stage == 0:
                     at, count = chains.toe_memory(shared, mine, j)
-                    change = total - force_before(state, shared, mine, j)
-                    access.store(state.push, at, total[0])
-                    access.store(state.push, at + count, total[1])
-                    if wp.static(kind.measuring) and now.measures != 0:
-                        if total[0] != Real(0.0) or total[1] != Real(0.0):
-                            less = contacts.velocity_lag(mine) * chains.chain_at(shared, j).inverse_mass
-                            less = less * products(total[0], change[0], total[1], change[1])
-                            memory = chains.contact_memory(shared, mine, j, nearest_wheel(shared, j))
-                            contact_sums.add_powers(tallies, now, memory, -less, Real(0.0))
+                    before = force_before(state, shared, mine, j)
+                    access.store(state.push, at, total[0] + backs[0])
+                    access.store(state.push, at + count, total[1] + backs[1])
+                    wheel = nearest_wheel(shared, j)
+                    add_power_taken_less(tallies, shared, mine, now, j, wheel, total, total - before)
+                    if wp.static(kind.parts.guides > 0):
+                        # with teeth's, so that all together take what they do in their sum
+                        guide = wp.static(kind.parts.sprockets) + first_guide(shared, j)
+                        change = backs + Real(2.0) * total - before
+                        add_power_taken_less(tallies, shared, mine, now, j, guide, backs, change)
+
+    @wp.func
+    def add_late_force(
+        state: State, tallies: Tallies, shared: Shared, mine: ThreadParts, now: Now, j: int, p: int, force: vec2
+    ):
+        """Keeps the force of guide p on pin j itself [N], too, and takes from sums what others do less by it."""
+        if now.stage == 0:
+            at, count = chains.toe_memory(shared, mine, j)
+            so_far = force_before(state, shared, mine, j)
+            add_power_taken_less(tallies, shared, mine, now, j, p, force, so_far)
+            access.store(state.push, at, so_far[0] + force[0])
+            access.store(state.push, at + count, so_far[1] + force[1])
 
     return ToeRowFunctions(
         is_silent=is_silent,
@@ -116,4 +160,5 @@ def toe_row_functions(kind: BlockKind) -> ToeRowFunctions:
         clear_forces=clear_forces,
         force_before=force_before,
         join_forces=join_forces,
+        add_late_force=add_late_force,
     )

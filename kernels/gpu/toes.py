@@ -1,11 +1,12 @@
 """The contacts of a block's silent chains with wheel teeth: four at a pin, with the flank ends of its two links.
 
 Forces go to rows of their own first, on the pin itself and on those beside it, until all threads have theirs: a pin's
-acceleration without them is that by its links, and by teeth as in the step before (`physics.toe`).
+acceleration without them is that by its links, and by contacts as in the step before (`physics.toe`).
 """
 
 from dataclasses import dataclass
 from functools import cache
+from typing import Any
 
 import warp as wp
 
@@ -39,15 +40,18 @@ from .wrench_parts import wrench_part_functions
 
 @dataclass(frozen=True)
 class ToeFunctions:
-    """Contacts of one variant's silent chains with wheel teeth."""
+    """Contacts of one variant's silent chains with wheel teeth, and what those of backs have in common with them."""
 
+    End: Any
+    Reaction: Any
+    with_end_force: wp.Function
     add_toe_forces: wp.Function
 
 
 @cache
 def toe_functions(kind: BlockKind) -> ToeFunctions:
     """The functions that evaluate contacts of toes with the wheels of one variant on a block."""
-    Real, kinds, Now = kind.Real, kind.types, kind.types.Now
+    Real, kinds, Now, sprockets = kind.Real, kind.types, kind.types.Now, kind.parts.sprockets
     Ensemble, State, Shared = kinds.Ensemble, kinds.State, kinds.Shared
     vec2 = kinds.vec2
     row = force_rows(kind)
@@ -70,7 +74,7 @@ def toe_functions(kind: BlockKind) -> ToeFunctions:
         xi: Real  # from the seat along that [m]
         lateral: Real  # and across
         arm: vec2  # from the wheel's center [m]
-        acceleration: vec2  # by links, and by teeth as in the step before [m/s^2]
+        acceleration: vec2  # by links, and by contacts as in the step before [m/s^2]
 
     @wp.struct
     class Reaction:
@@ -83,10 +87,13 @@ def toe_functions(kind: BlockKind) -> ToeFunctions:
 
     @wp.struct
     class End:
-        """A flank's end in a tooth gap."""
+        """A flank's end in a tooth gap, or a back on a guide."""
 
+        number: wp.int32  # of the pin
+        partner: wp.int32  # sprockets first, then guides
         link: toe_links.Link
         memory: wp.int32  # place of the contact's memory
+        open_speed: Real  # v0 if it is open
         before: Real  # v0 [m/s]
         pushed: Real  # force in the step before [N]
         damper_speed: Real  # at which its damper acted then [m/s]
@@ -96,13 +103,13 @@ def toe_functions(kind: BlockKind) -> ToeFunctions:
 
     @wp.func
     def with_end_force(
-        state: State, tallies: Tallies, shared: Shared, mine: ThreadParts, now: Now, pin: Pin, end: End, sum: Reaction
+        state: State, tallies: Tallies, shared: Shared, mine: ThreadParts, now: Now, end: End, sum: Reaction
     ):
-        """`sum` with the force of teeth on a flank's end."""
+        """`sum` with the force of a contact of a link."""
         at, link, depth, normal, z = end.memory, end.link, end.depth, end.normal, end.place
-        j, s, before = pin.number, pin.sprocket, end.before
-        body, law = shared.poses[s], shared.teeth[s].law
-        kept, size = memory_after_teeth(before), Real(0.0)
+        j, p, before = end.number, end.partner, end.before
+        body, law = toe_links.partner_pose(shared, p), toe_links.partner_law(shared, p)
+        kept, size = Real(end.open_speed), Real(0.0)
         if depth > -law.ahead:
             arm = link.middle + z
             surface = leading_value(surface_velocity(body, arm))
@@ -127,7 +134,7 @@ def toe_functions(kind: BlockKind) -> ToeFunctions:
                     contact = contacts.Contact()
                     contact.impact_speed = before
                     contact.held_friction = access.load(state.contact_hold, at)
-                    drag, holds = contacts.friction_and_hold(now, size, normal, relative, contact, shared.friction[s])
+                    drag, holds = contacts.friction_and_hold(now, size, normal, relative, contact, shared.friction[p])
                     force = force + drag
                     if now.stage == 0:
                         access.store(state.contact_hold, at, holds)
@@ -141,13 +148,16 @@ def toe_functions(kind: BlockKind) -> ToeFunctions:
                 if now.flags & EXTRA != 0:
                     extra = mine.first_roller + j
                     state.extra[extra].energy = state.extra[extra].energy + contact_energy(mean, elastic, known)
-                    state.extra[extra].sprocket_force = state.extra[extra].sprocket_force + size
+                    if p < sprockets:
+                        state.extra[extra].sprocket_force = state.extra[extra].sprocket_force + size
+                    else:
+                        state.extra[extra].guide_force = state.extra[extra].guide_force + size
                 if wp.static(kind.measuring) and now.measures != 0:
                     damping = contacts.dissipating_force(pushes, size - elastic, normal)
                     taken, rubbed = contacts.dissipated_powers(mine, damping, drag, relative, more)
                     contact_sums.add_powers(tallies, now, at, taken, rubbed)
                     contact_sums.add_stored_energy(tallies, now, at, contact_energy(mean, elastic, known))
-                    contact_sums.add_force_and_counts(tallies, now, at, before, size, True)
+                    contact_sums.add_force_and_counts(tallies, now, at, before, size, p < sprockets)
         if now.stage == 0:
             if size != end.pushed:
                 access.store(state.push, chains.push_memory(shared, mine, j, at), size)
@@ -163,6 +173,8 @@ def toe_functions(kind: BlockKind) -> ToeFunctions:
         j, s, e = pin.number, pin.sprocket, pin.outward
         count = chains.chain_length(shared, mine, j)
         end = End()
+        end.number = j
+        end.partner = s
         other = wp.where(
             after, chains.next_roller(shared, j, mine.rollers), chains.previous_roller(shared, j, mine.rollers)
         )
@@ -176,6 +188,7 @@ def toe_functions(kind: BlockKind) -> ToeFunctions:
             at = pin.memory + k * count
             end.memory = at
             end.before = access.load(state.impact_speed, at)
+            end.open_speed = memory_after_teeth(end.before)
             end.pushed = access.load(state.push, chains.push_memory(shared, mine, j, at))
             end.damper_speed = access.load(state.damper_speed, at)
             depth, n, z, done = seated_toe_contact(pin.xi, pin.lateral, u, end.link.length, k, after, plate, teeth)
@@ -187,7 +200,7 @@ def toe_functions(kind: BlockKind) -> ToeFunctions:
             end.depth = depth
             end.normal = rotated_vector(e, n[0], n[1])
             end.place = rotated_vector(e, z[0], z[1])
-            sum = with_end_force(state, tallies, shared, mine, now, pin, end, sum)
+            sum = with_end_force(state, tallies, shared, mine, now, end, sum)
             k = k + 1
         toe_rows.add_pair(shared.rows, row.near_x, row.near_y, j, sum.near)
         if after:
@@ -229,5 +242,8 @@ def toe_functions(kind: BlockKind) -> ToeFunctions:
             side = side + 1
 
     return ToeFunctions(
+        End=End,
+        Reaction=Reaction,
+        with_end_force=with_end_force,
         add_toe_forces=add_toe_forces,
     )

@@ -15,8 +15,8 @@ length: momentum and angular momentum are exact. The inverse mass along a unit v
 
     1/2 + 2 ((z x N) / l)^2.                                                                                      (b)
 
-A contact's closing acceleration by all else (`impact`) is that of the pins by their links now and by teeth in the step
-before, less the contact's own force then. So forces do not hang on the order in which contacts are worked out.
+A contact's closing acceleration by all else (`impact`) is that of the pins by their links now and by all contacts in
+the step before, less the contact's own force then. So forces do not hang on the order in which they are worked out.
 """
 
 from typing import Any

@@ -173,6 +173,17 @@ def silent_arc() -> ValidationRow:
     )
 
 
+def silent_backs() -> ValidationRow:
+    """Height of a silent chain's pins in the middle of a guide's arc over that on a flat face."""
+    found, exact = test_helpers("kernels/test_backs").pin_heights(0.15)
+    return ValidationRow(
+        name="backs of a silent chain on a guide",
+        states=f"links touch with their middles, so pins stand {1e6 * exact:.2f} um farther off",
+        gives=f"{1e6 * found:.2f} um",
+        differs=relative_difference(found, exact),
+    )
+
+
 def silent_polygon_action() -> ValidationRow:
     """Angle of two equal wheels of a stiff silent chain against each other, as of a four-bar linkage."""
     module = test_helpers("assembly/test_silent_chains")
@@ -282,6 +293,7 @@ EXACT: tuple[Callable[[], ValidationRow], ...] = (
     centrifugal_tension,
     load_of_an_arc,
     silent_arc,
+    silent_backs,
     silent_polygon_action,
     orders,
     center_distance,

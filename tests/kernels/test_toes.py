@@ -21,7 +21,7 @@ from warpchain.kernels.physics.toe import ENDS
 from warpchain.model import single_chain
 from warpchain.results.schedule import Schedule
 
-FAMILIES = [blocks.silent, blocks.silent_rubbing]
+FAMILIES = [blocks.silent, blocks.silent_rubbing, blocks.silent_guided]
 
 
 @pytest.mark.parametrize("drives", FAMILIES)

@@ -23,7 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from warpchain.assembly.guide_obstacles import PlacedGuide, Run, has_obstructed_strand, place_on_arm, strand_obstacles
-from warpchain.assembly.taut_string import Arc, TautError, TautString, circle_end, taut_string
+from warpchain.assembly.taut_string import Arc, TautError, TautString, circle_end, runs_under_links, taut_string
 from warpchain.drive.plate import top_radius
 from warpchain.drive.stack_math import (
     UnlikeVariants,
@@ -352,6 +352,8 @@ def _taut_string(model: ChainModel, first: Arc, last: Arc, runs: tuple[Run, ...]
     """
     try:
         string = taut_string(first, last, runs)
+        if model.chain.is_silent:
+            string = taut_string(first, last, runs_under_links(runs, string.touches, model.chain.pitch), string.numbers)
     except TautError as error:
         raise DriveError(f"guides.{model.guides[error.guide].name}: {error}") from None
     return string if string.touches else None

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from warpchain.assembly.arm_balance import RestingArm, RestingTensioner
+from warpchain.assembly.back_energy import Backs
 from warpchain.assembly.guide_obstacles import profile_at, rotated_place
 from warpchain.assembly.toe_energy import Wheel
 from warpchain.drive.body_ties import first_coupling_ratio, nearest_sprocket
@@ -451,6 +452,33 @@ class Potential:
                     own = [place, place + 1, *own]
                 at = np.column_stack([at, *(np.full(len(hit), i) for i in own)])
             terms.add_contacts(at, -force[:, None] * normal, block, rho)
+        if self.model.chain.is_silent:
+            self._add_backs(x, g, terms)
+
+    def _add_backs(self, x: Array, g: int, terms: EnergyTerms) -> None:
+        """Adds the energy of the backs of links on guide g."""
+        r, arm, pivots = self.split(x)[0], self.model.arm_of(g), self.pivots(x)
+        hung = [a for a, _ in self.hung]
+        profile = profile_at(self.model, g, self.arm_angles(x).tolist())
+        stiffness, exponent = self.softness * self.guide_stiffness[g], self.model.guide_contact(g).exponent
+        center = np.zeros(2) if arm is None else pivots[arm]
+        backs = Backs(self.model.chain, self.model.sprockets[0].sign, profile, center, self.model.guide_offset(g),
+                      stiffness, exponent)  # fmt: skip
+        near = backs.near_links(r)
+        at = np.column_stack([2 * near, 2 * near + 1, 2 * (near + 1) % (2 * self.rollers)])
+        at = np.column_stack([at, at[:, 2] + 1])
+        free = [0, 1, 2, 3]
+        if arm in hung:
+            place = self.first_pivot + 2 * hung.index(arm)
+            at, free = np.column_stack([at, np.full((len(near), 2), [place, place + 1])]), [*free, 4, 5]
+        if arm is not None:
+            at, free = np.column_stack([at, np.full(len(near), self.first_arm + arm)]), [*free, 6]
+        values = np.zeros((len(near), 7))
+        values[:, :4], values[:, 4:6] = r.ravel()[at[:, :4]], center
+        energy, slope = backs.energy(values)
+        terms.energy += float(energy.sum())
+        np.add.at(terms.gradient, at, slope[:, free])
+        terms.add_blocks(at, backs.hessian(values)[:, free][:, :, free])
 
     def _add_constant_forces(self, x: Array, terms: EnergyTerms) -> None:
         """Adds the energy of weight, centrifugal forces, loads and mounts."""

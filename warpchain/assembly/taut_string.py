@@ -19,6 +19,7 @@ from typing import Any
 from warpchain.drive.face_profile import Piece, Point, Profile, unit_vector, wrapped_angle
 from warpchain.drive.stack_math import (
     arctan2,
+    cos,
     index_of_maximum,
     is_true_somewhere,
     maximum,
@@ -26,6 +27,7 @@ from warpchain.drive.stack_math import (
     ordered_sum,
     quick_arcsin,
     shared_value,
+    sin,
     sqrt,
     where,
 )
@@ -192,6 +194,22 @@ def obstacle_arcs(profile: Profile, offset: float, guide: int, along: bool) -> t
         arcs.append(Arc(center, offset - reach, -1.0, begin, end, guide, start, 1.0 / piece.curvature, gap))
         gap = 0.0
     return tuple(arcs) if along else tuple(_reversed_arc(arc) for arc in reversed(arcs))
+
+
+def runs_under_links(
+    runs: Sequence[tuple[Arc, ...]], touches: Iterable[GuideTouch], pitch: Any
+) -> tuple[tuple[Arc, ...], ...]:
+    """Runs of arcs, raised until links of a pitch clear in their middles the arcs that a string touches.
+
+    Over an arc of radius R that turns the string by b it is R (1 - cos(b/2)) + (p - R b) sin(b/2) / 2, b at most p / R.
+    """
+    raised: dict[int, Any] = {}
+    for touch in touches:
+        radius, guide = touch.arc.radius, touch.arc.guide
+        half = 0.5 * minimum(touch.wrap, pitch / radius)
+        lift = radius * (1.0 - cos(half)) + (0.5 * pitch - radius * half) * sin(half)
+        raised[guide] = maximum(raised.get(guide, 0.0), lift)
+    return tuple(tuple(replace(arc, radius=arc.radius + raised.get(arc.guide, 0.0)) for arc in run) for run in runs)
 
 
 def taut_string(first: Arc, last: Arc, obstacles: Sequence[tuple[Arc, ...]], like: Sequence[int] = ()) -> TautString:

@@ -103,7 +103,8 @@ def _bodies_of_chain(model: ChainModel, held: bool) -> list[MovingBody]:
             stiffness, damping = stiffness + model.stop_stiffness(a), damping + model.stop_damping(a)
         for g in model.guides_of(a):
             points = model.profile(g).points(model.chain.pitch, caps=False)
-            stiffness = stiffness + model.guide_stiffness(g) * sum(math.dist(point, arm.pivot) ** 2 for point in points)
+            each = (1 + model.chain.is_silent) * model.guide_stiffness(g)  # of a back, too
+            stiffness = stiffness + each * sum(math.dist(point, arm.pivot) ** 2 for point in points)
         for s in model.sprockets_on(a):
             pushed = 0.5 * model.sprockets[s].teeth * model.sprocket_stiffness(s)
             stiffness = stiffness + pushed * power(model.center_lever(s), 2)
@@ -197,7 +198,8 @@ def _contact_stiffnesses(model: ChainModel) -> list[tuple[str, float]]:
     """Contact partners of rollers: name and stiffness [N/m]."""
     ends = 4.0 if model.chain.is_silent else 1.0  # of its two links four flanks, whose forces act on a pin and the next
     teeth = [(f'the teeth of "{of.name}"', ends * model.sprocket_stiffness(s)) for s, of in enumerate(model.sprockets)]
-    return teeth + [(f'guide "{guide.name}"', model.guide_stiffness(g)) for g, guide in enumerate(model.guides)]
+    backs = 3.0 if model.chain.is_silent else 1.0  # of a pin and, where these lean on it, of the backs of its two links
+    return teeth + [(f'guide "{guide.name}"', backs * model.guide_stiffness(g)) for g, guide in enumerate(model.guides)]
 
 
 def highest_frequency(of: Drive | ChainModel, damped_links: bool = True, held: bool = False) -> float:

@@ -13,7 +13,7 @@ from warpchain.model import ChainModel
 
 Array = NDArray[np.float64]
 
-_APART = 1e-7
+DIFFERENCE_STEP = 1e-7
 """Step of the differences of gradients, in pitches."""
 
 
@@ -56,7 +56,7 @@ class Wheel:
 
     def hessian(self, x: Array, number: int) -> Array:
         """Hessians (M, 7, 7) of the toes' energies, by differences of gradients."""
-        apart = np.full(7, _APART * self.model.chain.pitch)
+        apart = np.full(7, DIFFERENCE_STEP * self.model.chain.pitch)
         apart[6] /= self.model.pitch_radius(self.s)
         steps = np.diag(apart)[:, None]
         slope = self.energy(np.concatenate([x + steps, x - steps]).reshape(-1, 7), number)[1].reshape(2, 7, len(x), 7)
@@ -88,21 +88,21 @@ class Wheel:
             radius * e - plate.flank_distance * (sine * e + turn * cosine * tau),
         )
         corner = foot + tooth_corner(plate, teeth, model.sprocket_pitch(self.s)) * outward
-        reach = _along(corner - foot, outward)
-        at_tip = np.full(len(x), number % 2 == 0) | (_along(tip - foot, outward) > reach)
+        reach = along_direction(corner - foot, outward)
+        at_tip = np.full(len(x), number % 2 == 0) | (along_direction(tip - foot, outward) > reach)
         at = np.where(at_tip[:, None], tip, begin)
         depth, normal = self._depth(at, e, tau, radius, (cosine, sine))
         place = at - plate.tip_radius * normal
         facing = math.cos(plate.flank_angle) * u - math.sin(plate.flank_angle) * w
-        on_corner = ~at_tip & (_along(begin - foot, outward) > reach)
-        depth = np.where(on_corner, plate.tip_radius + _along(corner - tip, facing), depth)
+        on_corner = ~at_tip & (along_direction(begin - foot, outward) > reach)
+        depth = np.where(on_corner, plate.tip_radius + along_direction(corner - tip, facing), depth)
         normal, place = np.where(on_corner[:, None], facing, normal), np.where(on_corner[:, None], corner, place)
         return depth, normal, place, place - middle, u, length
 
     def _depth(self, at: Array, e: Array, tau: Array, radius: float, flank: tuple[float, float]) -> tuple[Array, Array]:
         """Depths in teeth [m], and normals, of toes' arcs at centers `at` (M, 2)."""
         plate, tooth, (cosine, sine) = self.model.chain.plate, self.model.tooth(self.s), flank
-        xi, eta, distance = _along(at, e) - radius, _along(at, tau), np.hypot(at[:, 0], at[:, 1])
+        xi, eta, distance = along_direction(at, e) - radius, along_direction(at, tau), np.hypot(at[:, 0], at[:, 1])
         on_flank = np.abs(eta) * cosine - xi * sine - (plate.flank_distance - plate.tip_radius)
         on_tip = tooth.tip_radius + plate.tip_radius - distance
         flanks = sine * e - np.where(eta >= 0.0, cosine, -cosine)[:, None] * tau
@@ -110,6 +110,6 @@ class Wheel:
         return np.minimum(on_flank, on_tip), np.where(higher, at / distance[:, None], flanks)
 
 
-def _along(place: Array, direction: Array) -> Array:
-    """Components (M,) of toes' places along directions, each (M, 2)."""
+def along_direction(place: Array, direction: Array) -> Array:
+    """Components (M,) of places along directions, each (M, 2)."""
     return np.einsum("mi,mi->m", place, direction)

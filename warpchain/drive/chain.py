@@ -88,7 +88,7 @@ Stiffness = Annotated[
 
 
 def _with_back_as_radius(values: Mapping[str, Any]) -> Mapping[str, Any]:
-    """Values of a silent chain, its back as roller radius."""
+    """Values of a silent chain, its back's height as its pins' roller radius."""
     if values.get("roller_radius") is not None:
         return values
     key, part = ("pitch", BACK_HEIGHT) if values.get("back_height") is None else ("back_height", 1.0)

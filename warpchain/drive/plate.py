@@ -28,6 +28,8 @@ LEAST_TEETH = 17
 """Least teeth of a wheel."""
 PIN_RADIUS, PLATE_AREA = 0.15, 0.95
 """Estimates of pins over pitch, and plates over squared pitch."""
+CROWN = 25.0
+"""Radius of a plate's back between its pins over the pitch, an estimate."""
 PLATE_KEYS = ("flank_angle", "flank_distance", "back_height", "toe_depths", "tip_radius")
 """Keys of a chain's plates."""
 

@@ -44,7 +44,7 @@ def item_counts(drives: NDArray[Any]) -> dict[str, NDArray[Any]]:
         "valve": drives["valves"],
         "partner": sprockets + guides,
         "contact": rollers * (sprockets * points + guides),
-        "push": (points > 1) * rollers * (sprockets * points + 2),
+        "push": (points > 1) * rollers * (sprockets * points + guides // 2 + 2),
         "tally": rollers * (sprockets + 1),
         "histogram": sprockets + 1,
     }

@@ -41,7 +41,10 @@ def fill_contact_mobility(
         packed.sprockets["law"]["answer"][packed.drives["first_sprocket"][rows] + s] = double * answer + beside
     for g in range(len(model.guides)):
         if (arm := model.arm_of(g)) is not None:
-            packed.guides["law"]["answer"][packed.drives["first_guide"][rows] + g] = double * arms[arm]
+            mine, count = packed.drives["first_guide"][rows] + g, len(model.guides)
+            for sort in range(1 + model.chain.is_silent):  # backs and pins, which press the arm both
+                own = (1 + model.chain.is_silent) * double * arms[arm]
+                packed.guides["law"]["answer"][mine + sort * count] += own
 
 
 def sum_mobility_over_chains(packed: PackedEnsemble, owners: NDArray[np.int64], places: NDArray[np.int64]) -> None:

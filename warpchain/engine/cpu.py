@@ -194,8 +194,9 @@ class CpuEngine(Engine):
 def _contact_rows(packed: PackedEnsemble) -> int:
     """Most CPU scratch rows of a chain's contacts."""
     drives = packed.drives
-    points = np.where(drives["points"] > 1, 3 * drives["points"], 1)
-    return int((drives["sprockets"] * points + drives["guides"]).max())
+    silent = drives["points"] > 1
+    links = silent * (drives["sprockets"] * drives["points"] + drives["guides"] // 2)
+    return int((drives["sprockets"] * drives["points"] + drives["guides"] + 2 * links).max())
 
 
 def _row_capacity(packed: PackedEnsemble) -> int:

@@ -195,7 +195,8 @@ class ForceProbe:
         rows = self.sprockets * points + guides
         touches = self._impact_speed[: rows * self.rollers].reshape(rows, self.rollers) > 0.0
         teeth = touches[: self.sprockets * points].reshape(self.sprockets, points, self.rollers)
-        return np.concatenate([teeth.any(axis=1), touches[self.sprockets * points :]])
+        on_guides = touches[self.sprockets * points :].reshape(1 + (points > 1), -1, self.rollers)  # backs, then pins
+        return np.concatenate([teeth.any(axis=1), on_guides.any(axis=0)])
 
     def close(self) -> None:
         """Ends the force probe's threads."""

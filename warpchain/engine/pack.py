@@ -41,6 +41,7 @@ from warpchain.engine.contact_mobility import fill_contact_mobility
 from warpchain.engine.packed_ensemble import PackedEnsemble, consecutive_places, roller_state_rows, scatter_values
 from warpchain.engine.struct_rows import (
     RowList,
+    fill_back_row,
     fill_body_row,
     fill_chain_row,
     fill_drive_row,
@@ -254,10 +255,10 @@ def _pack_sprocket(
 
 def _pack_guides(packed: PackedEnsemble, model: ChainModel, at: Mapping[str, NDArray[np.int64]]) -> None:
     """Packs the guides of a stack."""
-    used = 0
+    used, backs = 0, len(model.guides) * model.chain.is_silent
     with _blank_rows(packed.pieces, consecutive_places(at["first_piece"], piece_count(model))) as pieces:
         for g in range(len(model.guides)):
-            mine, effective_mass = at["first_guide"] + g, guide_effective_mass(model, g)
+            mine, effective_mass = at["first_guide"] + backs + g, guide_effective_mass(model, g)
             with _blank_rows(packed.guides, mine) as row:
                 if has_profile_face(model, g):
                     used += fill_profile_face(row, pieces, used, model, g)
@@ -272,6 +273,11 @@ def _pack_guides(packed: PackedEnsemble, model: ChainModel, at: Mapping[str, NDA
                 effective_mass,
                 model.guide_stiffness(g),
             )
+            if backs:
+                with _blank_rows(packed.guides, mine - backs) as row:
+                    row[:] = packed.guides[mine]
+                    fill_back_row(row, model)
+                packed.guide_friction[mine - backs] = packed.guide_friction[mine]
 
 
 def tensioner_extensions(packed: PackedEnsemble) -> NDArray[np.float64]:

@@ -18,12 +18,13 @@ from warpchain.drive import ArmMount, ElasticMount, Harmonic, ImpactLaw, Prescri
 from warpchain.drive.body_ties import part_of_body
 from warpchain.drive.laws import LAWS
 from warpchain.drive.motion_table import Table
-from warpchain.drive.plate import tooth_corner
+from warpchain.drive.plate import CROWN, tooth_corner
 from warpchain.drive.stack_math import array_of_columns, maximum, power, with_last_axis
 from warpchain.drive.stiffness import contact_damping
 from warpchain.engine.body_struct_rows import fill_place_tables, fill_train_counts, piece_count
 from warpchain.engine.own_laws import form_of_law
 from warpchain.kernels.integrate import INTEGRATORS
+from warpchain.kernels.physics.back import BACK_ANSWER, ROW_MARGIN
 from warpchain.kernels.physics.impact import FORCES
 from warpchain.kernels.physics.mount import CARRIED, FREE, PRESCRIBED
 from warpchain.kernels.physics.toe import ENDS
@@ -220,6 +221,18 @@ def fill_guide_row(row: Any, model: ChainModel, g: int) -> None:
     fill_law_row(row["law"], model.guide_contact(g), model.guide_stiffness(g), model.chain.mass)
 
 
+def fill_back_row(row: Any, model: ChainModel) -> None:
+    """Makes a guide's `structs.Guide` that of the backs of links, which is wider (`physics.back.back_guide`)."""
+    radius = CROWN * model.chain.pitch
+    margin = ROW_MARGIN * radius
+    row["back_radius"] = radius
+    row["end_radius"] += margin
+    row["roller_radius"] += margin
+    row["low"] -= with_last_axis(margin)
+    row["high"] += with_last_axis(margin)
+    row["law"]["answer"] = BACK_ANSWER
+
+
 def fill_friction_row(row: Any, rubbing: FrictionCoefficients, effective_mass: float, stiffness: float) -> None:
     """Fills a contact's `structs.Friction`, apart from the step; `effective_mass` in kg."""
     if rubbing.has_friction:
@@ -275,7 +288,8 @@ def fill_drive_row(row: Any, model: ChainModel, assembly: Assembly) -> None:
     """Fills a `structs.Drive`: counts, integrator, box of motion."""
     row["chains"] = 1
     row["points"] = int(ENDS) if model.chain.is_silent else 1
-    row["rollers"], row["sprockets"], row["guides"] = model.chain.rollers, len(model.sprockets), len(model.guides)
+    row["rollers"], row["sprockets"] = model.chain.rollers, len(model.sprockets)
+    row["guides"] = len(model.guides) * (1 + model.chain.is_silent)
     row["bodies"], row["arms"] = len(model.sprockets) + len(model.shafts) + len(model.arms), len(model.arms)
     fill_train_counts(row, model)
     row["tensioners"], row["pieces"] = len(model.tensioners), piece_count(model)

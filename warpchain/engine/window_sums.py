@@ -32,6 +32,8 @@ def split_sums(sums: Mapping[str, Any], packed: PackedEnsemble, variants: NDArra
         values = sums[name] if row.width == 1 else sums[name].reshape(-1, row.width)
         found[name] = values[begin] if row.dimension == "variant" else _rows_by_variant(values, begin, count)
     _add_late_work(found, packed, drives[0])
+    if drives[0]["points"] > 1:
+        found["contact"] = _contacts_with_backs(found["contact"], int(drives[0]["sprockets"]))
     batches, long = (_batch_sums_by_name(found, drives, count) for count in (int(BATCHES), LONG_BATCHES))
     return VariantSums(found, batches, long, (found["tension_counts"], tension_edges(drives["tension_scale"])))
 
@@ -57,6 +59,17 @@ def _add_late_work(found: dict[str, Any], packed: PackedEnsemble, drive: Any) ->
         body = drive["bodies"] - drive["arms"] + a
         partners = [*(sprockets + np.flatnonzero(guides == body)), *np.flatnonzero(hubs == body)]
         taken[:, partners[0] if partners else 0] -= found["arm"]["late_work"][:, a]
+
+
+def _contacts_with_backs(contact: NDArray[Any], sprockets: int) -> NDArray[Any]:
+    """Contact sums (V, S + G) of a silent chain's partners from those with rows of backs (V, S + 2 G)."""
+    guides = (contact.shape[1] - sprockets) // 2
+    found = np.delete(contact, np.s_[sprockets : sprockets + guides], axis=1)
+    backs, pins = contact[:, sprockets : sprockets + guides], found[:, sprockets:]
+    for name in contact.dtype.names or ():
+        join = np.maximum if name == "force_max" else np.add
+        pins[name] = join(pins[name], backs[name])
+    return found
 
 
 def _batch_sums_by_name(found: Mapping[str, NDArray[Any]], drives: NDArray[Any], batches: int) -> BatchSums:

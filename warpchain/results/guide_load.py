@@ -36,10 +36,20 @@ def face_tangents(face: Profile, place: Array) -> Array:
     return np.stack([np.cos(heading), np.sin(heading)], axis=-1)
 
 
+def _values_at_contacts(
+    trajectory: Trajectory, values: NDArray[np.floating], frame: Index, roller: Index
+) -> NDArray[np.float64]:
+    """Values (K, 2) at rollers, of a silent chain in the middles of the links after its pins, where backs touch."""
+    own = np.asarray(values[frame, roller], dtype=float)
+    if not trajectory.model.chain.is_silent:
+        return own
+    return 0.5 * (own + values[frame, (roller + 1) % values.shape[1]])
+
+
 def rollers_in_guide_frame(trajectory: Trajectory, g: int, frame: Index, roller: Index) -> tuple[Array, Array]:
-    """Rollers (K, 2) [m] in a guide's frame, and angle (K,)."""
+    """Contacts of rollers (K, 2) [m] in a guide's frame, and angle (K,)."""
     (position,) = require_channels(trajectory, "position")
-    x = np.asarray(position, dtype=float)[frame, roller]
+    x = _values_at_contacts(trajectory, position, frame, roller)
     arm = trajectory.model.arm_of(g)
     if arm is None or trajectory.arm_angle is None:
         return x, np.zeros(len(x))
@@ -74,7 +84,7 @@ def recorded_guide_contacts(trajectory: Trajectory) -> list[GuideContacts]:
     force = np.asarray(guide_force, dtype=float)[frame, roller]
     v = np.zeros((len(frame), 2))
     if trajectory.velocity is not None:
-        v = np.asarray(trajectory.velocity, dtype=float)[frame, roller]
+        v = _values_at_contacts(trajectory, trajectory.velocity, frame, roller)
     faces = [model.profile(g) for g in range(len(model.guides))]
     seen = [rollers_in_guide_frame(trajectory, g, frame, roller) for g in range(len(faces))]
     places = [face_coordinates(face, points) for face, (points, _) in zip(faces, seen, strict=True)]
