@@ -78,7 +78,7 @@ def contact_force_functions(kind: BlockKind) -> ContactForceFunctions:
                 teeth.add_tooth_force(ensemble, state, tallies, shared, mine, now, j, contact)
         if wp.static(kind.silent):
             if wp.static(kind.parts.guides):
-                backs.add_back_forces(ensemble, state, tallies, shared, mine, now, contact.near)
+                backs.add_back_forces(ensemble, state, tallies, shared, mine, now, near)
             toe_rows.join_forces(state, tallies, shared, mine, now)
         if wp.static(kind.parts.guides):
             guides.add_guide_forces(ensemble, state, tallies, shared, mine, now, near)

@@ -52,7 +52,7 @@ def toe_link_functions(kind: BlockKind) -> ToeLinkFunctions:
     @wp.func
     def partner_law(shared: Shared, p: int):
         """Contact law of partner p."""
-        if wp.static(kind.parts.guides > 0):
+        if wp.static(kind.parts.guides):
             if p >= sprockets:
                 return shared.guides[p - sprockets].law
         return shared.teeth[p].law
@@ -60,7 +60,7 @@ def toe_link_functions(kind: BlockKind) -> ToeLinkFunctions:
     @wp.func
     def partner_pose(shared: Shared, p: int):
         """Pose of partner p's body; a guide's that nothing carries is at zero."""
-        if wp.static(kind.parts.guides > 0):
+        if wp.static(kind.parts.guides):
             if p >= sprockets:
                 if wp.static(kind.profiles):
                     return shared.poses[shared.guides[p - sprockets].body]

@@ -31,11 +31,12 @@ class ToeRowFunctions:
 
 @cache
 def toe_row_functions(kind: BlockKind) -> ToeRowFunctions:
-    """The functions that gather forces of teeth on pins of one variant on a block."""
+    """Toe row functions of block kernels."""
     Real, threads, rollers_per_thread = kind.Real, kind.shape.threads, kind.shape.rollers_per_thread
     kinds, Now = kind.types, kind.types.Now
     State, Shared, vec2 = kinds.State, kinds.Shared, kinds.vec2
     row, slots, sprockets = force_rows(kind), kind.shape.slots, kind.parts.sprockets
+    several = kind.parts.chains > 1
     contacts = contact_functions(kind)
     contact_sums = contact_sum_functions(kind)
     chains = chain_functions(kind)
@@ -89,8 +90,8 @@ def toe_row_functions(kind: BlockKind) -> ToeRowFunctions:
 
     @wp.func
     def first_guide(shared: Shared, j: int):
-        """The number of the first guide of roller j's chain."""
-        if wp.static(kind.parts.chains > 1):
+        """Number of the first guide of the chain of a block's roller j."""
+        if wp.static(several):
             return shared.chain_places[chains.chain_number(shared, j)].first_guide
         else:
             return int(0)
@@ -109,7 +110,7 @@ def toe_row_functions(kind: BlockKind) -> ToeRowFunctions:
     @wp.func
     def back_force(shared: Shared, mine: ThreadParts, j: int):
         """Force of guides on pin j by the backs of its two links [N]."""
-        if wp.static(kind.parts.guides > 0):
+        if wp.static(kind.parts.guides):
             before = chains.previous_roller(shared, j, mine.rollers)
             rows = shared.rows
             return pair_at(rows, row.back_x, row.back_y, j) + pair_at(rows, row.ahead_x, row.ahead_y, before)
@@ -136,9 +137,9 @@ def toe_row_functions(kind: BlockKind) -> ToeRowFunctions:
                     access.store(state.push, at + count, total[1] + backs[1])
                     wheel = nearest_wheel(shared, j)
                     add_power_taken_less(tallies, shared, mine, now, j, wheel, total, total - before)
-                    if wp.static(kind.parts.guides > 0):
+                    if wp.static(kind.parts.guides):
                         # with teeth's, so that all together take what they do in their sum
-                        guide = wp.static(kind.parts.sprockets) + first_guide(shared, j)
+                        guide = sprockets + first_guide(shared, j)
                         change = backs + Real(2.0) * total - before
                         add_power_taken_less(tallies, shared, mine, now, j, guide, backs, change)
 

@@ -69,7 +69,9 @@ def _has_too_large_drive(variants: Variants) -> bool:
     from warpchain.engine.gpu import MOST_LINKS, MOST_PARTNERS
 
     drives = [stack.one for stack in variants.stacks]
-    return any(d.links > MOST_LINKS or len(d.sprockets) + len(d.guides) > MOST_PARTNERS for d in drives)
+    rows = [1 + any(chain.is_silent for chain in drive.chains) for drive in drives]  # of a guide, also of backs
+    partners = [len(d.sprockets) + k * len(d.guides) for d, k in zip(drives, rows, strict=True)]
+    return any(d.links > MOST_LINKS or count > MOST_PARTNERS for d, count in zip(drives, partners, strict=True))
 
 
 def plan_run(
