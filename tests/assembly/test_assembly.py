@@ -130,6 +130,9 @@ def test_random_loops(sprockets, pick):
     drive, assembly = assembled(sprockets, pick)
     assert assembly.position.shape == assembly.velocity.shape == (drive.chain.links, 2)
     check(drive, assembly)
+    assume(
+        assembly.path.wrap_angle.max() < 1.5 * math.pi
+    )  # else large neighbors' strand would pass a small one outside
     assert abs(assembly.path.turning) == 2 * math.pi
     assert turned(drive, assembly) == pytest.approx(assembly.path.turning, abs=1e-9)
 
