@@ -7,12 +7,16 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from warpchain.assembly.toe_energy import DIFFERENCE_STEP, along_direction
+from warpchain.assembly.link_contact_energy import (
+    DIFFERENCE_STEP,
+    Array,
+    LinkContacts,
+    along_direction,
+    difference_hessian,
+)
 from warpchain.drive.chain import Chain
 from warpchain.drive.face_profile import Profile, unit_vector
 from warpchain.drive.plate import CROWN
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -48,25 +52,16 @@ class Backs:
 
         The coordinates are the places of a link's pins, of the guide's center of turn, and its angle from where it is.
         """
-        depth, normal, arm, z, u, length = self._contacts(x)
-        force = self.stiffness * depth**self.exponent
-        lever = (z[:, 0] * normal[:, 1] - z[:, 1] * normal[:, 0]) / length
-        turning = lever[:, None] * np.stack([-u[:, 1], u[:, 0]], axis=1)
-        moment = arm[:, 0] * normal[:, 1] - arm[:, 1] * normal[:, 0]
-        slope = np.concatenate([turning - 0.5 * normal, -turning - 0.5 * normal, normal, moment[:, None]], axis=1)
-        return force * depth / (self.exponent + 1.0), force[:, None] * slope
+        return self._contacts(x).energy(self.stiffness, self.exponent)
 
     def hessian(self, x: Array) -> Array:
-        """Hessians (M, 7, 7) of the energies of `energy`, by differences of its gradients."""
+        """Hessians (M, 7, 7) of the backs' energies, by differences of gradients."""
         apart = np.full(7, DIFFERENCE_STEP * self.chain.pitch)
         apart[6] = DIFFERENCE_STEP
-        steps = np.diag(apart)[:, None]
-        slope = self.energy(np.concatenate([x + steps, x - steps]).reshape(-1, 7))[1].reshape(2, 7, len(x), 7)
-        found = np.moveaxis((slope[0] - slope[1]) / (2.0 * apart[:, None, None]), 0, 1)
-        return 0.5 * (found + np.swapaxes(found, 1, 2))
+        return difference_hessian(lambda at: self.energy(at)[1], x, apart)
 
-    def _contacts(self, x: Array) -> tuple[Array, Array, Array, Array, Array, Array]:
-        """Depths of backs [m], 0 where open, normals, places from the guide's center and the link's middle, u, l."""
+    def _contacts(self, x: Array) -> LinkContacts:
+        """Contacts of backs with the guide."""
         radius = CROWN * self.chain.pitch
         rise = radius - self.offset
         d = x[:, 2:4] - x[:, 0:2]
@@ -87,4 +82,4 @@ class Backs:
         normal = np.stack([c * normal[:, 0] - s * normal[:, 1], s * normal[:, 0] + c * normal[:, 1]], axis=1)
         z = rise * across - radius * normal
         under = (np.abs(along_direction(z, u)) <= 0.5 * length) & (along_direction(normal, across) > 0.0)
-        return np.where(under, depth, 0.0), normal, middle + z - x[:, 4:6], z, u, length
+        return LinkContacts(np.where(under, depth, 0.0), normal, middle + z - x[:, 4:6], z, u, length)

@@ -8,13 +8,15 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from warpchain.assembly.link_contact_energy import (
+    DIFFERENCE_STEP,
+    Array,
+    LinkContacts,
+    along_direction,
+    difference_hessian,
+)
 from warpchain.drive.plate import tooth_corner
 from warpchain.model import ChainModel
-
-Array = NDArray[np.float64]
-
-DIFFERENCE_STEP = 1e-7
-"""Step of the differences of gradients, in pitches."""
 
 
 @dataclass(frozen=True)
@@ -45,26 +47,16 @@ class Wheel:
         Args:
             number: 0, 1 tip and beginning of the flank on the link after the pin, 2, 3 on that before.
         """
-        depth, normal, arm, z, u, length = self._contacts(x, number)
-        pushed = np.maximum(depth, 0.0)
-        force = self.stiffness * pushed**self.exponent
-        lever = (z[:, 0] * normal[:, 1] - z[:, 1] * normal[:, 0]) / length
-        turning = lever[:, None] * np.stack([-u[:, 1], u[:, 0]], axis=1)
-        moment = arm[:, 0] * normal[:, 1] - arm[:, 1] * normal[:, 0]
-        slope = np.concatenate([turning - 0.5 * normal, -turning - 0.5 * normal, normal, moment[:, None]], axis=1)
-        return force * pushed / (self.exponent + 1.0), force[:, None] * slope
+        return self._contacts(x, number).energy(self.stiffness, self.exponent)
 
     def hessian(self, x: Array, number: int) -> Array:
         """Hessians (M, 7, 7) of the toes' energies, by differences of gradients."""
         apart = np.full(7, DIFFERENCE_STEP * self.model.chain.pitch)
         apart[6] /= self.model.pitch_radius(self.s)
-        steps = np.diag(apart)[:, None]
-        slope = self.energy(np.concatenate([x + steps, x - steps]).reshape(-1, 7), number)[1].reshape(2, 7, len(x), 7)
-        found = np.moveaxis((slope[0] - slope[1]) / (2.0 * apart[:, None, None]), 0, 1)
-        return 0.5 * (found + np.swapaxes(found, 1, 2))
+        return difference_hessian(lambda at: self.energy(at, number)[1], x, apart)
 
-    def _contacts(self, x: Array, number: int) -> tuple[Array, Array, Array, Array, Array, Array]:
-        """Toes' depths in teeth [m], normals, places from wheel's center and link's middle [m], link's u, l."""
+    def _contacts(self, x: Array, number: int) -> LinkContacts:
+        """Contacts of toes with teeth."""
         model, plate, teeth = self.model, self.model.chain.plate, self.model.sprockets[self.s].teeth
         radius, tooth = model.pitch_radius(self.s), model.tooth(self.s)
         pin, far, center = x[:, 0:2], x[:, 2:4], x[:, 4:6]
@@ -97,7 +89,7 @@ class Wheel:
         on_corner = ~at_tip & (along_direction(begin - foot, outward) > reach)
         depth = np.where(on_corner, plate.tip_radius + along_direction(corner - tip, facing), depth)
         normal, place = np.where(on_corner[:, None], facing, normal), np.where(on_corner[:, None], corner, place)
-        return depth, normal, place, place - middle, u, length
+        return LinkContacts(depth, normal, place, place - middle, u, length)
 
     def _depth(self, at: Array, e: Array, tau: Array, radius: float, flank: tuple[float, float]) -> tuple[Array, Array]:
         """Depths in teeth [m], and normals, of toes' arcs at centers `at` (M, 2)."""
@@ -108,8 +100,3 @@ class Wheel:
         flanks = sine * e - np.where(eta >= 0.0, cosine, -cosine)[:, None] * tau
         higher = (on_flank > on_tip)[:, None]
         return np.minimum(on_flank, on_tip), np.where(higher, at / distance[:, None], flanks)
-
-
-def along_direction(place: Array, direction: Array) -> Array:
-    """Components (M,) of places along directions, each (M, 2)."""
-    return np.einsum("mi,mi->m", place, direction)
