@@ -16,12 +16,12 @@ from .block_kinds import BlockKind
 from .block_structs import ThreadParts
 from .chains import chain_functions
 from .geometry import geometry_functions
+from .link_contacts import link_contact_functions
 from .partner_bits import partner_bit_functions
 from .rollers import roller_functions
 from .shared_memory import force_rows
 from .toe_links import toe_link_functions
 from .toe_rows import toe_row_functions
-from .toes import toe_functions
 from .wrench_parts import wrench_part_functions
 
 
@@ -44,7 +44,8 @@ def back_functions(kind: BlockKind) -> BackFunctions:
     rows_of_pieces = aligned_rows(kinds.Piece)
     chains, geometry, rollers = chain_functions(kind), geometry_functions(kind), roller_functions(kind)
     partner_bits, wrench_parts = partner_bit_functions(kind), wrench_part_functions(kind)
-    toes, toe_links, toe_rows = toe_functions(kind), toe_link_functions(kind), toe_row_functions(kind)
+    link_contacts = link_contact_functions(kind)
+    toe_links, toe_rows = toe_link_functions(kind), toe_row_functions(kind)
 
     @wp.func
     def crown_contact(ensemble: Ensemble, state: State, shared: Shared, at: int, top: Any, across: vec2, bar: Guide):
@@ -71,7 +72,7 @@ def back_functions(kind: BlockKind) -> BackFunctions:
         bar = back_guide(geometry.guide_now(shared, g))
         other, pin = chains.next_roller(shared, j, mine.rollers), rollers.exact_position(shared.rows, j)
         center = toe_links.partner_pose(shared, sprockets + g).center
-        end = toes.End()
+        end = link_contacts.LinkContact()
         end.number = j
         end.partner = sprockets + g
         end.memory = chains.contact_memory(shared, mine, j, end.partner)
@@ -95,7 +96,8 @@ def back_functions(kind: BlockKind) -> BackFunctions:
         end.depth = depth
         end.normal = normal
         end.place = z
-        sum = toes.with_end_force(state, tallies, shared, mine, now, end, toes.Reaction())
+        sum = link_contacts.find_reaction(state, tallies, shared, mine, now, end)
+        link_contacts.add_samples(state, mine, now, j, end.partner, sum)
         toe_rows.add_pair(shared.rows, row.back_x, row.back_y, j, sum.near)
         toe_rows.add_pair(shared.rows, row.ahead_x, row.ahead_y, j, sum.far)
         if wp.static(kind.profiles):

@@ -60,18 +60,18 @@ def contact_force_functions(kind: BlockKind) -> ContactForceFunctions:
             strand_loads.add_feed_forces(shared, mine)
         if wp.static(kind.silent):
             toe_rows.clear_forces(shared, mine)
+            toes.add_toe_forces(ensemble, state, tallies, shared, mine, now, near)
         contact = contacts.Contact()
         by_teeth = partner_bits.of_sprockets(near)
         while partner_bits.has_any(by_teeth):
             j, s = partner_bits.first_pair(by_teeth, mine.thread)
             by_teeth = partner_bits.without_first_pair(by_teeth)
-            contact = tooth_gaps.with_sprocket(ensemble, state, shared, mine, contact, j, s)
-            done = int(0)
             if wp.static(kind.silent):
                 if toe_rows.is_silent(shared, j):
-                    toes.add_toe_forces(ensemble, state, tallies, shared, mine, now, j, s)
-                    done = 1
-            elif wp.static(branchless):
+                    continue
+            contact = tooth_gaps.with_sprocket(ensemble, state, shared, mine, contact, j, s)
+            done = int(0)
+            if wp.static(branchless and not kind.silent):
                 if now.flags == 0:
                     done = teeth.add_straight_flank_force(state, tallies, shared, mine, now, j, contact)
             if done == 0:

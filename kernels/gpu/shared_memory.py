@@ -60,6 +60,7 @@ def roller_rows(kind: BlockKind) -> RollerRows:
 class ForceRows:
     """First index of each shared row of forces of teeth and guides on a silent chain's links, after all other rows."""
 
+    pairs: int  # pins and sprockets whose contacts a warp's threads share (`toes`)
     near_x: int  # at the pin itself [N]
     near_y: int
     next_x: int  # at the next pin, by the link between [N]

@@ -164,6 +164,26 @@ def lanes_with_flag(flag: int) -> int:
     """Threads of the warp whose `flag`, 0 or 1, is 1, as bits."""
 
 
+@wp.func_native(
+    code_by_device("return __popc(mask & (n < 32 ? (1u << n) - 1 : 0xffffffffu));", "return n ? mask & 1 : 0;")
+)
+def bits_below(mask: int, n: int) -> int:
+    """Number of bits set in a warp's `mask` below bit `n`."""
+
+
+SUM_WITH_LANE = code_by_device("return value + __shfl_xor_sync(0xffffffffu, value, apart);", "return value;")
+
+
+@wp.func_native(SUM_WITH_LANE)
+def sum_with_lane(value: wp.float64, apart: int) -> wp.float64:
+    """Sum of two threads' float64 numbers, 1 or 2 apart; all threads of the warp together."""
+
+
+@wp.func_native(SUM_WITH_LANE)
+def sum_with_lane(value: wp.float32, apart: int) -> wp.float32:
+    """Sum of two threads' float32 numbers, 1 or 2 apart; all threads of the warp together."""
+
+
 @wp.func_native(code_by_device("__syncwarp();", ""))
 def end_turn():
     """Ends a thread's turn among those of its warp."""

@@ -6,7 +6,7 @@ from typing import Any
 
 import warp as wp
 
-from ..native import products
+from ..native import inverse_root, products
 from ..number import difference, leading_value
 from ..physics.link import roller_acceleration
 from .block_kinds import BlockKind
@@ -43,6 +43,7 @@ def toe_link_functions(kind: BlockKind) -> ToeLinkFunctions:
 
         u: vec2  # unit vector from the pin into the link
         length: Real  # [m]
+        inverse: Real  # 1 over that
         turn: Real  # angular velocity [rad/s]
         angular: Real  # angular acceleration [rad/s^2]
         velocity: vec2  # of its middle [m/s]
@@ -82,8 +83,10 @@ def toe_link_functions(kind: BlockKind) -> ToeLinkFunctions:
             difference(rollers.exact_position(shared.rows, other), rollers.exact_position(shared.rows, j))
         )
         link = Link()
-        link.length = wp.sqrt(products(d[0], d[0], d[1], d[1]))
-        link.u = (Real(1.0) / link.length) * d
+        square = products(d[0], d[0], d[1], d[1])
+        link.inverse = inverse_root(square)
+        link.length = square * link.inverse
+        link.u = link.inverse * d
         link.middle = arm + Real(0.5) * d
         return link
 
@@ -93,9 +96,8 @@ def toe_link_functions(kind: BlockKind) -> ToeLinkFunctions:
         v = rollers.velocity(shared.rows, j)
         w = rollers.velocity(shared.rows, other) - v
         b = pin_acceleration(state, shared, mine, other) - a
-        inverse = Real(1.0) / link.length
-        link.turn = inverse * products(link.u[0], w[1], -link.u[1], w[0])
-        link.angular = inverse * products(link.u[0], b[1], -link.u[1], b[0])
+        link.turn = link.inverse * products(link.u[0], w[1], -link.u[1], w[0])
+        link.angular = link.inverse * products(link.u[0], b[1], -link.u[1], b[0])
         link.velocity = v + Real(0.5) * w
         link.acceleration = a + Real(0.5) * b
         return link

@@ -64,7 +64,7 @@ def toe_row_functions(kind: BlockKind) -> ToeRowFunctions:
     def clear_forces(shared: Shared, mine: ThreadParts):
         """Sets the rows of forces of the thread's pins to zero; all threads together, once links have theirs."""
         for k in range(rollers_per_thread):
-            for q in range(wp.static(force_row_count(kind))):
+            for q in range(wp.static(force_row_count(kind) - 1)):
                 access.store(shared.rows, row.near_x + q * slots + k * threads + mine.thread, Real(0.0))
         sync.barrier()
 

@@ -23,7 +23,7 @@ from typing import Any
 
 import warp as wp
 
-from ..native import inverse_root, larger, products, root, smaller
+from ..native import inverse_root, larger, products, quotient, root, smaller
 from .contact import AWAY
 
 ENDS = wp.constant(4)
@@ -162,7 +162,7 @@ def seated_toe_contact(xi: Any, lateral: Any, u: Any, length: Any, end: int, aft
 @wp.func
 def link_lever(z: Any, direction: Any, length: Any):
     """(z x N) / l: what a force along `direction` N at `z` [m] from a link's middle turns with, over its length [m]."""
-    return products(z[0], direction[1], -z[1], direction[0]) / length
+    return quotient(products(z[0], direction[1], -z[1], direction[0]), length)
 
 
 @wp.func
