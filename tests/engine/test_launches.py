@@ -81,7 +81,12 @@ def test_a_gpu_is_full_until_all_variants_end(counted, count):
 
 
 class WithoutStreams:
-    """Warp for an engine whose blocks are fibers of the CPU: launches come one after another, without streams."""
+    """Warp for an engine whose blocks are fibers of the CPU: launches come one after another, without streams.
+
+    A graph is the list of its launches.
+    """
+
+    graph = None
 
     def __getattr__(self, name):
         return getattr(wp, name)
@@ -107,8 +112,25 @@ class WithoutStreams:
     def empty(self, size, dtype, device, pinned=False):
         return wp.zeros(size, dtype=dtype, device=device)
 
-    def launch(self, kernel, dim, inputs, block_dim, device, stream=None, record_cmd=False):
-        return wp.launch(on_fibers(kernel), dim, inputs=inputs, block_dim=block_dim, device=device)
+    def array(self, *values, pinned=False, **options):
+        return wp.array(*values, **options)
+
+    def launch(self, kernel, dim, inputs, device, block_dim=256, stream=None, record_cmd=False):
+        def launch():
+            wp.launch(on_fibers(kernel), dim, inputs=inputs, block_dim=block_dim, device=device)
+
+        launch() if self.graph is None else self.graph.append(launch)
+
+    def capture_begin(self, stream, force_module_load):
+        self.graph = []
+
+    def capture_end(self, stream):
+        graph, self.graph = self.graph, None
+        return graph
+
+    def capture_launch(self, graph, stream):
+        for launch in graph:
+            launch()
 
 
 ENDS, EVERY = (300, 231, 160, 288), (32, 0, 20, 0)
@@ -146,3 +168,39 @@ def test_how_steps_are_shared_out_changes_no_bit(fibers, monkeypatch):
     assert once["frames 0"].size == 10 * drive_frame_width(drives[0]) and once["frames 0"].any()
     for name in ("rollers", "frames 0", "frames 2", "chain", "strand", "sprocket", "contact"):
         np.testing.assert_array_equal(shared[name], once[name], err_msg=name)
+
+
+def test_a_piece_that_is_repeated_has_the_bits_of_one_that_is_not(fibers, monkeypatch):
+    """Pieces as graphs and without: states, sums, frames, inputs on the device; one has diverged before the last."""
+    monkeypatch.setattr(gpu, "wp", WithoutStreams())
+    monkeypatch.setattr(gpu_kernels, "wp", WithoutStreams())
+    monkeypatch.setattr(gpu_kernels, "resident_variants", lambda kind: 1)  # so that four variants go in two groups
+    drives = [two_sprockets(torque=torque) for torque in (100.0, 120.0, 140.0, 160.0)]
+    width = drive_frame_width(drives[0])
+
+    def run(repeated):
+        if not repeated:
+            monkeypatch.setattr(gpu.GpuEngine, "_repeated_kernel", lambda engine, steps: None)
+        packed = pack(drives, [Schedule(1e-5, 300, 96, 290, 20)] * 4)
+        packed.drives["first_value"] = width * np.arange(4)
+        packed.tables = np.append(packed.tables, [1.0, 2.0])
+        engine = gpu.GpuEngine(packed, "cpu")
+        engine.stage_tables(len(packed.tables) - 2)
+        buffer, found = engine.frame_buffer(4 * width, np.arange(4 * width)), []
+        for piece, steps in enumerate([1, *[20] * 8]):
+            if piece == 8:
+                gone = engine.fetch_array("state", "progress")
+                gone["diverged"][2] = 1
+                engine.set_array("state", "progress", gone)
+            engine.constants_view("tables")[-1] = piece
+            engine.take_steps(steps, buffer)
+            assert engine.ensemble.tables.numpy()[-2:].tolist() == [1.0, piece]
+            found += [buffer.numpy().copy(), engine.progress(), engine.diverged_view().copy()]
+        engine.close()
+        return found, engine.rollers(), engine.sums(), len(engine._graphs)
+
+    (frames, rollers, sums, graphs), (others, same, again, none) = run(True), run(False)
+    assert (graphs, none) == (3, 0)  # the first step, pieces before the window, and those in it
+    assert frames[-2]["step"].tolist() == [161, 161, 141, 161]
+    for mine, theirs in zip([*frames, rollers, *sums.values()], [*others, same, *again.values()], strict=True):
+        np.testing.assert_array_equal(mine, theirs)

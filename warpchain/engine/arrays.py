@@ -373,12 +373,12 @@ class Engine(ABC):
         """Prepares inputs' tables, from value `first` on, to be set between launches at little cost."""
 
     def constants_view(self, name: str) -> NDArray[Any] | None:
-        """View of an engine's constant array, None on a GPU."""
+        """View that an engine takes a constant array from, or None."""
         return None
 
-    def diverged_view(self) -> NDArray[Any] | None:
-        """View (rows,) of an engine's divergences, None on a GPU."""
-        return None
+    @abstractmethod
+    def diverged_view(self) -> NDArray[Any]:
+        """View (rows,) of an engine's divergences."""
 
     @abstractmethod
     def close(self) -> None:

@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import AbstractContextManager, contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from itertools import pairwise
 from threading import Lock
 from typing import Any
@@ -22,7 +22,6 @@ from warpchain.engine.arrays import (
     Engine,
     assign_values,
     device_values,
-    dtype_of,
     empty_sums,
     empty_tallies,
     upload_ensemble,
@@ -44,8 +43,7 @@ from warpchain.errors import DeviceError, SimulationError
 from warpchain.kernels import relaxation
 from warpchain.kernels.gpu.block_structs import BITS
 from warpchain.kernels.gpu.statistics import tally_sum_kernel
-from warpchain.kernels.gpu.transfer import copy_words, copy_words_at
-from warpchain.kernels.precision import as_float32
+from warpchain.kernels.gpu.transfer import transfer_kernels
 from warpchain.progress import ProgressReport, StopRequest
 
 OLDEST_ARCHITECTURE = 70
@@ -152,21 +150,15 @@ class FrameBuffer:
     """Frame buffer of a GPU launch, on device and host.
 
     Attributes:
-        wanted: places on the device of four-byte words that are read after a piece; None: all.
+        wanted: places on the device of values that are read after a piece.
     """
 
-    def __init__(
-        self, values: int, packed: PackedEnsemble, device: str, wanted: NDArray[np.integer] | None = None
-    ) -> None:
+    def __init__(self, values: int, packed: PackedEnsemble, device: str, wanted: NDArray[np.integer]) -> None:
         self.values, self._of = values, (device, packed.variants)
         self.device: wp.array = wp.empty(max(values, 1), dtype=packed.real, device=device)
         self.host: wp.array = wp.empty(max(values, 1), dtype=packed.real, device="cpu", pinned=True)
         self.copied: Any = None
-        self.wanted: wp.array | None = None
-        if wanted is not None:
-            words = self.host.strides[0] // 4
-            places = (words * wanted[:, None] + np.arange(words)).reshape(-1)
-            self.wanted = wp.array(places, dtype=wp.int32, device=device)
+        self.wanted: wp.array = wp.array(wanted, dtype=wp.int32, device=device)
         self._frames: NDArray[np.floating] = self.host.numpy()
 
     def numpy(self) -> NDArray[np.floating]:
@@ -176,23 +168,6 @@ class FrameBuffer:
                 wp.synchronize_event(self.copied)
             self.copied = None
         return self._frames
-
-
-@dataclass(frozen=True)
-class PieceGraph:
-    """CUDA graph that takes variants so many steps on from wherever they are, with inputs and outputs.
-
-    Attributes:
-        graph: of copies and launches.
-        arrays: that the graph reads and writes, kept alive.
-        ends: end steps and start steps of launches, pinned on the host.
-        beyond: how far these are beyond the present step.
-    """
-
-    graph: wp.Graph
-    arrays: tuple[wp.array, ...]
-    ends: NDArray[np.integer]
-    beyond: NDArray[np.integer]
 
 
 class GpuEngine(GpuKernels, Engine):
@@ -216,12 +191,16 @@ class GpuEngine(GpuKernels, Engine):
                 self.gpu_sums = empty_sums(packed, device, blocks=True)
                 self.tallies = empty_tallies(packed, device)
             wp.synchronize_stream(self.stream)
-        self._progress = np.zeros(packed.variants, dtype=self.state.progress.dtype.numpy_dtype())
         self._host_progress: Any = wp.empty(
             packed.variants, dtype=self.state.progress.dtype, device="cpu", pinned=wp.get_device(device).is_cuda
         )
-        self._graphs: dict[tuple[str, int, int], PieceGraph] = {}  # by kernel, steps and buffer of frames
-        self._input_tables: wp.array | None = None  # the last tables, pinned on the host
+        self._progress: NDArray[Any] = self._host_progress.numpy()
+        self._common_step: int | None = None  # next step of all variants, while none has diverged
+        self._read_progress()
+        # of pieces by kernel, steps and buffer of frames, with arrays to keep alive
+        self._graphs: dict[tuple[str, int, int], tuple[wp.Graph, list[wp.array]]] = {}
+        self._host_tables: wp.array = wp.empty(0, dtype=wp.float64, device="cpu")
+        self._inputs = self._host_tables, self.ensemble.tables[:0]  # their tables on the host, pinned, and the device
         drives = packed.drives
         begins = drives["window_start"] // STEP_UNIT * STEP_UNIT
         self._steps = int(drives["steps"].min())
@@ -282,8 +261,9 @@ class GpuEngine(GpuKernels, Engine):
                 if frames.copied is not None:
                     self.stream.wait_event(frames.copied)
                 lanes = self._launch_sequences(np.minimum(steps, steps_left(self.packed.drives, self._progress)))
-                _, columns = self._upload_launches(lanes)
-                self._copy_input_tables()
+                uploaded, columns = self._upload_launches(lanes)
+                if len(self._host_tables):
+                    self._take_inputs(uploaded[:0], uploaded[:0])
                 self._launch_beside(lanes, columns, frames)
                 done = self.stream.record_event()
                 if frames.values:
@@ -291,76 +271,84 @@ class GpuEngine(GpuKernels, Engine):
                     wp.copy(frames.host, frames.device, count=frames.values, stream=self.copies)
                     frames.copied = self.copies.record_event()
                 wp.synchronize_event(done)
-                self._progress = self.fetch_array("state", "progress")
+                self._read_progress()
 
         return [self._pool.submit(work)]
 
+    def _read_progress(self) -> None:
+        """Reads variants' progress from the device."""
+        self._progress[:] = self.fetch_array("state", "progress")
+        step = self._progress["step"]
+        is_common = (step == step[0]).all() and not self._progress["diverged"].any()
+        self._common_step = int(step[0]) if is_common else None
+
     def take_steps(self, steps: int | NDArray[np.integer], frames: FrameBuffer) -> None:
         kernel = self._repeated_kernel(steps) if isinstance(steps, int) else None
-        if kernel is None or not isinstance(steps, int):
+        if kernel is None:
             super().take_steps(steps, frames)
-            return
+        else:
+            self._repeat_piece(kernel, int(steps), frames)
+
+    def _repeat_piece(self, kernel: str, steps: int, frames: FrameBuffer) -> None:
+        """Takes all variants, which are at one step, so many steps on by a graph, captured once."""
         key = kernel, steps, id(frames)
         with self._explain_failures():
             if key not in self._graphs:
                 if len(self._graphs) == MOST_GRAPHS:
                     self._graphs.clear()
                 self._load_kernels()
-                wp.load_module(copy_words.module, device=self.device)
                 self._graphs[key] = self._capture_piece(steps, frames)
-            piece = self._graphs[key]
             if frames.copied is not None:
                 self.stream.wait_event(frames.copied)
                 frames.copied = None
-            np.add(piece.beyond, self._progress["step"][0], out=piece.ends, casting="unsafe")
-            wp.capture_launch(piece.graph, stream=self.stream)
+            wp.capture_launch(self._graphs[key][0], stream=self.stream)
             wp.synchronize_stream(self.stream)
-        self._progress = self._host_progress.numpy().copy()
+        has_diverged = np.count_nonzero(self._progress["diverged"]) > 0
+        self._common_step = None if has_diverged else int(self._progress["step"][0])
 
     def _repeated_kernel(self, steps: int) -> str | None:
         """Kernel that takes all variants so many steps on, where one does and all are at one step; or None."""
-        step = self._progress["step"]
-        first = int(step[0])
-        if first + steps > self._steps or (step != first).any() or self._progress["diverged"].any():
+        first = self._common_step
+        if first is None or first + steps > self._steps:
             return None
         first_begin, last_begin, first_end, last_end = self._windows
         if first + steps <= first_begin or first > last_end:
             return "advance"
         return "measure" if last_begin <= first <= first_end else None
 
-    def _capture_piece(self, steps: int, frames: FrameBuffer) -> PieceGraph:
-        """Graph that takes all variants so many steps on: inputs, launches, frames, progress."""
+    def _capture_piece(self, steps: int, frames: FrameBuffer) -> tuple[wp.Graph, list[wp.array]]:
+        """Graph that takes all variants so many steps on, with inputs and outputs, and arrays to keep alive for it."""
         step = self._progress["step"]
         lanes = self._launch_sequences(np.full(len(step), steps))
         device, columns = self._upload_launches(lanes)
-        host: wp.array = wp.array(device.numpy(), dtype=wp.int32, device="cpu", pinned=True)
-        ends = host.numpy()[len(host) // 3 :]
+        ends = device[len(device) // 3 :]
+        with wp.ScopedStream(self.stream):
+            beyond: wp.array = wp.array(ends.numpy() - step[0], dtype=wp.int32, device=self.device)
         wp.capture_begin(stream=self.stream, force_module_load=False)
         try:
-            self._copy_by_kernel(host, device)
-            if self._input_tables is not None:
-                self._copy_by_kernel(self._input_tables, self.ensemble.tables[-len(self._input_tables) :])
+            self._take_inputs(beyond, ends)
             self._launch_beside(lanes, columns, frames)
-            if frames.wanted is None:
-                self._copy_by_kernel(frames.device, frames.host)
-            elif len(frames.wanted):
-                self._copy_by_kernel(frames.device, frames.host, frames.wanted)
-            self._copy_by_kernel(self.state.progress, self._host_progress)
+            outputs = [frames.wanted, frames.device, self._on_device(frames.host)]
+            outputs += [self.state.progress, self._on_device(self._host_progress)]
+            self._transfer("give_outputs", max(len(frames.wanted), len(step)), outputs)
         finally:
             graph = wp.capture_end(stream=self.stream)
-        return PieceGraph(graph, (device, host), ends, ends.astype(np.int64) - int(step[0]))
+        return graph, [device, beyond]
 
-    def _copy_by_kernel(self, source: wp.array, target: wp.array, wanted: wp.array | None = None) -> None:
-        """Copies an array, or its words at `wanted` places, between device and pinned host memory."""
-        count = len(source) * source.strides[0] // 4
-        words: list[wp.array] = [
-            wp.array(ptr=of.ptr, shape=count, dtype=wp.uint32, device=self.device) for of in (source, target)
-        ]
-        options: dict[str, Any] = {"device": self.device, "stream": self.stream}
-        if wanted is None:
-            wp.launch(copy_words, count, inputs=words, **options)
-        else:
-            wp.launch(copy_words_at, len(wanted), inputs=[wanted, *words], **options)
+    def _take_inputs(self, beyond: wp.array, ends: wp.array) -> None:
+        """Takes inputs' tables to the device, as they stand when the stream comes there, and sets launches' steps."""
+        host, tables = self._inputs
+        inputs = [self._on_device(host), tables, self.state.progress, beyond, ends]
+        self._transfer("take_inputs", max(len(host), len(ends)), inputs)
+
+    def _transfer(self, name: str, threads: int, arrays: Sequence[wp.array]) -> None:
+        """Launches a transfer kernel."""
+        kernel = transfer_kernels(self.packed.real)[name]
+        wp.launch(kernel, threads, inputs=arrays, device=self.device, stream=self.stream)
+
+    def _on_device(self, pinned: wp.array) -> wp.array:
+        """Pinned memory of the host as an array of the device."""
+        return wp.array(ptr=pinned.ptr, shape=len(pinned), dtype=pinned.dtype, device=self.device)
 
     def _launch_beside(
         self,
@@ -369,16 +357,16 @@ class GpuEngine(GpuKernels, Engine):
         frames: FrameBuffer,
     ) -> None:
         """Makes GPU launches on several streams, each with its variants and steps; the first waits for all."""
-        begun = self.stream.record_event()
-        for stream in self._others:
+        begun, streams = self.stream.record_event(), [self.stream, *self._others][: len(lanes)]
+        for stream in streams[1:]:
             stream.wait_event(begun)
         state, left = (self.ensemble, self.state, self.gpu_sums, self.tallies, frames.device), iter(columns)
         for at, (beside, bucket, launches) in enumerate(lanes):
-            stream = [self.stream, *self._others][at % STREAMS if beside else 0]
+            stream = streams[at % STREAMS if beside else 0]
             for launch in launches:
                 order, *ends = next(left)
                 self._launch(launch.kernel, bucket, order, [*state, order, *ends], stream)
-        for stream in self._others:
+        for stream in streams[1:]:
             self.stream.wait_event(stream.record_event())
 
     def _upload_launches(
@@ -414,7 +402,11 @@ class GpuEngine(GpuKernels, Engine):
         return self._settling_states
 
     def progress(self) -> NDArray[Any]:
-        return self._progress
+        return self._progress.copy()
+
+    def diverged_view(self) -> NDArray[Any]:
+        view: NDArray[Any] = self._progress["diverged"]
+        return view
 
     def sums(self) -> dict[str, NDArray[Any]]:
         """Sums of the window, by name."""
@@ -439,25 +431,18 @@ class GpuEngine(GpuKernels, Engine):
             with wp.ScopedStream(self.stream):
                 assign_values(getattr(self.changing_structs()[group], name), values)
             wp.synchronize_stream(self.stream)
-        self._progress = self.fetch_array("state", "progress")
+        self._read_progress()
 
     def stage_tables(self, first: int) -> None:
-        with self._explain_failures():
-            self._input_tables = wp.array(
-                self.ensemble.tables.numpy()[first:], dtype=self.ensemble.tables.dtype, device="cpu", pinned=True
-            )
+        with self._explain_failures(), KERNEL_LOCK:
+            self._host_tables = wp.array(self.packed.tables, dtype=wp.float64, device="cpu", pinned=True)
+            self._inputs = self._host_tables[first:], self.ensemble.tables[first:]
+            wp.load_module(transfer_kernels(self.packed.real)["take_inputs"].module, device=self.device)
 
-    def _copy_input_tables(self) -> None:
-        """Copies inputs' tables to the device, as they stand when the stream comes there."""
-        if self._input_tables is not None:
-            tables, count = self.ensemble.tables, len(self._input_tables)
-            wp.copy(tables, self._input_tables, dest_offset=len(tables) - count, count=count, stream=self.stream)
+    def constants_view(self, name: str) -> NDArray[Any] | None:
+        return self._host_tables.numpy() if name == "tables" else None
 
     def set_constants(self, name: str, values: NDArray[Any]) -> None:
-        if name == "tables" and self._input_tables is not None:
-            changed = values[len(values) - len(self._input_tables) :]
-            self._input_tables.numpy()[:] = as_float32(changed, dtype_of(self._input_tables.dtype))
-            return
         with self._explain_failures():
             with wp.ScopedStream(self.stream):
                 assign_values(getattr(self.ensemble, name), values)
@@ -468,11 +453,11 @@ class GpuEngine(GpuKernels, Engine):
             with wp.ScopedStream(self.stream):
                 super().restore_state(arrays)
             wp.synchronize_stream(self.stream)
-        self._progress = self.fetch_array("state", "progress")
+        self._read_progress()
 
     def frame_buffer(self, values: int, wanted: NDArray[np.integer] | None = None) -> FrameBuffer:
         with self._explain_failures():
-            return FrameBuffer(values, self.packed, self.device, wanted)
+            return FrameBuffer(values, self.packed, self.device, np.zeros(0, dtype=int) if wanted is None else wanted)
 
     def close(self) -> None:
         self._pool.shutdown(wait=True, cancel_futures=True)
