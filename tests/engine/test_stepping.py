@@ -391,6 +391,30 @@ def test_what_is_held_is_checked_as_before(value):
             sim.set({"driven.load_torque": value})
 
 
+@pytest.mark.parametrize("value", [[1.0, math.nan], [-math.inf, 1.0], [1.0, math.inf], [1.0] * 3, [[1.0, 2.0]]])
+def test_arrays_that_are_held_are_checked_as_before(value):
+    with stepping(torques(2), inputs=["driven.load_torque"], device="cpu") as sim:
+        sim.set({"driven.load_torque": 1.0})
+        with pytest.raises(WarpchainError, match=r"^set: driven\.load_torque: "):
+            sim.set({"driven.load_torque": np.array(value)})
+
+
+def test_arrays_that_are_held_are_lists_of_their_numbers():
+    """What is handed over is copied: an array that changes afterwards changes nothing."""
+    found = []
+    for kind in (list, np.array):
+        with stepping(torques(3), inputs=["driven.load_torque"], outputs=["tension"], **WHOLE) as sim:
+            for piece in range(3):
+                value = kind([100.0 * piece, 50.0, 200.0])
+                sim.set({"driven.load_torque": value})
+                value[1] = 1e6
+                sim.advance(100 * H)
+            sim.set({"driven.load_torque": 80.0}, over=50 * H)  # from what is held
+            sim.advance(100 * H)
+            found.append(sim.get("tension"))
+    np.testing.assert_array_equal(*found)
+
+
 def test_a_wrong_call_is_one_line_and_changes_nothing():
     with stepping(torques(2), inputs=["driven.load_torque"], outputs=["tension"], **WHOLE) as sim:
         for call, line in CALLS:

@@ -77,6 +77,7 @@ class InputPort:
         before, after: (V, axes) v_0 and v_1, NaN until set.
         pace: (V, axes) u T of a center, else 0.
         turned: (V,) phi_0 of a speed [rad].
+        values_at_start: v_0 of its tables among the ensemble's values.
         is_held: whether last set at once.
     """
 
@@ -91,6 +92,7 @@ class InputPort:
     after: Values = field(init=False)
     pace: Values = field(init=False)
     turned: Values = field(init=False)
+    values_at_start: slice = field(init=False)
     is_held: bool = False
 
     def __post_init__(self) -> None:
@@ -98,6 +100,7 @@ class InputPort:
         self.start, self.end, self.turned = np.zeros(variants), np.ones(variants), np.zeros(variants)
         self.before, self.after = np.full((2, *self.places.shape), np.nan)
         self.pace = np.zeros(self.places.shape)
+        self.values_at_start = slice(int(self.places[0, 0]), int(self.places[-1, -1]) + 1, TABLE_VALUES)
 
     @property
     def is_set(self) -> bool:
@@ -109,14 +112,9 @@ class InputPort:
         """Whether another value to hold is one number of its table."""
         return self.is_held and self.kind.name != "speed"
 
-    def hold(self, value: float, tables: NDArray[Any]) -> None:
-        """Holds one value for all variants in kernels' `tables`, once the input `is_plainly_held`."""
-        self.before.fill(value)
-        self.after.fill(value)
-        if self.places.size == 1:
-            tables[self.places.item()] = value
-        else:
-            tables[self.places] = value
+    def hold(self, value: float | Values, tables: NDArray[Any]) -> None:
+        """Holds one value for all variants, or (V,), in kernels' `tables`, once the input `is_plainly_held`."""
+        self.before[:, 0] = self.after[:, 0] = tables[self.values_at_start] = value
 
     def value_at(self, packed: PackedEnsemble, time: Values) -> Values:
         """Value (V, axes) at `time` (V,), the drive's own until set.

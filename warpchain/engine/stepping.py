@@ -251,14 +251,13 @@ class SteppedRun:
         return self
 
     def _take_views(self, engine: Engine) -> None:
-        """Has kernels' inputs and outputs on a CPU read and written in place."""
+        """Has what the engine shares read and written in place."""
         for name in ("tables", "drives"):
             view = engine.constants_view(name)
             if view is not None and view.dtype == getattr(engine.packed, name).dtype:
                 setattr(engine.packed, name, view)
                 self._shared.add(name)
-        diverged = engine.diverged_view()
-        self._diverged = (lambda: diverged) if diverged is not None else (lambda: engine.progress()["diverged"])
+        self._diverged = engine.diverged_view()
 
     def __exit__(self, *_: object) -> None:
         engine, self._engine, self._state = self._engine, None, CLOSED
@@ -335,9 +334,15 @@ class SteppedRun:
             return False
         for name, value in values.items():
             port = self._inputs.get(name)
-            if port is None or type(value) is not float or not port.is_plainly_held:
+            if port is None or not port.is_plainly_held:
                 return False
-            if not (port.kind.least <= value < math.inf and value > -math.inf):
+            if type(value) is float:
+                low = high = value
+            elif type(value) is np.ndarray and value.dtype == np.float64 and value.shape == port.after.shape[:1]:
+                low, high = value.min(), value.max()
+            else:
+                return False
+            if not (port.kind.least <= low and high < math.inf and low > -math.inf):
                 return False
         for name, value in values.items():
             self._inputs[name].hold(value, self._running.packed.tables)
@@ -427,7 +432,7 @@ class SteppedRun:
             raise SimulationError(f"get: {name!r} is none of the outputs; they are {known}")
         if self._clock.taken[0] < 0:
             self._begin(engine)
-        values, diverged = self._host_frames(), self._diverged()
+        values, diverged = self._host_frames(), self._diverged
         found, stands = {}, np.count_nonzero(diverged)
         for port in (self._outputs[name],) if name is not None else self._outputs.values():
             of = values[port.places]
