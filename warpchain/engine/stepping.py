@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import copy
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from numbers import Real
@@ -172,9 +172,10 @@ class Clock:
         """
         if dt < SHORTEST_PIECE * self.longest:
             raise SimulationError(f"dt = {dt:g} s: must be at least a step, {self.longest:.6g} s")
-        target = self.target + dt
-        until = [max(int(target / h + 0.5), n + 1, 1) for h, n in zip(self.steps, self.taken, strict=True)]
-        for n, last, h in zip(until, self._last, self.steps, strict=True):
+        target, until = self.target + dt, []
+        for h, taken, last in zip(self.steps, self.taken, self._last, strict=True):
+            n = max(int(target / h + 0.5), taken + 1, 1)
+            until.append(n)
             if n > last:
                 raise SimulationError(
                     f"dt = {dt:g} s: the run would come to {target:g} s, beyond its end at {last * h:g} s; give "
@@ -307,7 +308,7 @@ class SteppedRun:
         """
         engine = self._running
         if over is None and self._hold(values):
-            self._write_constants(["tables"])
+            self._write_constants({"tables"})
             return
         time, end = self._clock.next, None
         if not isinstance(values, Mapping):
@@ -323,9 +324,9 @@ class SteppedRun:
             changed |= port.set_values(engine.packed, value, time, end)
         self._write_constants(changed)
 
-    def _write_constants(self, changed: Iterable[str]) -> None:
+    def _write_constants(self, changed: set[str]) -> None:
         """Copies changed constants to the device, unless it reads them in place."""
-        for name in sorted(name for name in changed if name not in self._shared):
+        for name in changed - self._shared:
             self._running.set_constants(name, getattr(self._running.packed, name))
 
     def _hold(self, values: Any) -> bool:
@@ -414,7 +415,7 @@ class SteppedRun:
         if every != self._every:
             self._every, drives = every, engine.packed.drives
             drives["frame_interval"] = every[0] if len(every) == 1 else np.array(every)[self._row_groups]
-            self._write_constants(["drives"])
+            self._write_constants({"drives"})
         engine.take_steps(counts[0] if len(counts) == 1 else np.array(counts)[self._row_groups], self._frames)
         self._clock.taken = until
 
