@@ -7,7 +7,7 @@ import warp as wp
 
 from ..modules import own_module
 from ..number import Pair, pair_from_float64
-from ..structs import Progress
+from ..structs import Drive, Progress
 
 
 @cache
@@ -20,14 +20,18 @@ def transfer_kernels(Real: type) -> Mapping[str, wp.Kernel]:
     def take_inputs(
         inputs: wp.array[wp.float64],
         tables: wp.array[Value],
+        intervals: wp.array[wp.int32],
+        drives: wp.array[Drive],
         progress: wp.array[Progress],
         beyond: wp.array[wp.int32],
         ends: wp.array[wp.int32],
     ):
-        """Takes inputs' tables from the host; sets launches' steps so far beyond the first variant's."""
+        """Takes inputs' tables and frame intervals from the host; sets launches' steps `beyond` the first variant's."""
         i = wp.tid()
         if i < inputs.shape[0]:
             tables[i] = table_value(inputs[i])
+        if i < intervals.shape[0]:
+            drives[i].frame_interval = intervals[i]
         if i < beyond.shape[0]:
             ends[i] = progress[0].step + beyond[i]
 

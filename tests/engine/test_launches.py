@@ -185,22 +185,23 @@ def test_a_piece_that_is_repeated_has_the_bits_of_one_that_is_not(fibers, monkey
         packed.drives["first_value"] = width * np.arange(4)
         packed.tables = np.append(packed.tables, [1.0, 2.0])
         engine = gpu.GpuEngine(packed, "cpu")
-        engine.stage_tables(len(packed.tables) - 2)
+        tables, intervals = engine.stage_inputs(len(packed.tables) - 2)
         buffer, found = engine.frame_buffer(4 * width, np.arange(4 * width)), []
-        for piece, steps in enumerate([1, *[20] * 8]):
-            if piece == 8:
+        for piece, steps in enumerate([1, *[20] * 4, 13, 7, *[20] * 3]):
+            if piece == 9:
                 gone = engine.fetch_array("state", "progress")
                 gone["diverged"][2] = 1
                 engine.set_array("state", "progress", gone)
-            engine.constants_view("tables")[-1] = piece
+            tables[-1], intervals[:] = piece, max(int(engine.progress()["step"][0]) + steps - 1, 1)
             engine.take_steps(steps, buffer)
             assert engine.ensemble.tables.numpy()[-2:].tolist() == [1.0, piece]
+            assert (engine.ensemble.drives.numpy()["frame_interval"] == intervals).all()
             found += [buffer.numpy().copy(), engine.progress(), engine.diverged_view().copy()]
         engine.close()
         return found, engine.rollers(), engine.sums(), len(engine._graphs)
 
     (frames, rollers, sums, graphs), (others, same, again, none) = run(True), run(False)
-    assert (graphs, none) == (3, 0)  # the first step, pieces before the window, and those in it
+    assert (graphs, none) == (4, 0)  # the first step, 20 and 13 before the window, 20 in it
     assert frames[-2]["step"].tolist() == [161, 161, 141, 161]
     for mine, theirs in zip([*frames, rollers, *sums.values()], [*others, same, *again.values()], strict=True):
         np.testing.assert_array_equal(mine, theirs)

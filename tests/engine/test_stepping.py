@@ -89,14 +89,14 @@ def test_launches_that_are_repeated_have_the_bits_of_others(precision, monkeypat
             monkeypatch.setattr(GpuEngine, "_repeated_kernel", lambda engine, steps: None)
         with stepping(torques(5), inputs=["driven.load_torque"], outputs=["tension"], **options) as sim:
             frames = []
-            for piece in range(STEPS // 30):
-                sim.set({"driven.load_torque": 100.0 + 10.0 * piece})
-                sim.advance(30 * H)
+            for piece, steps in enumerate([*[30] * 16, *[29, 31] * 2]):
+                sim.set({"driven.load_torque": 100.0 + 10.0 * piece + 10.0 * np.arange(5)})
+                sim.advance(steps * H)
                 frames.append(sim.get("tension"))
             found.append((np.array(frames), sim.metrics().to_pylist()))
     np.testing.assert_array_equal(*(frames for frames, _ in found))
     assert found[0][1] == found[1][1]
-    assert len(taken) == 3  # the first step, pieces before the window, and those in it
+    assert len(taken) == 5  # the first step, 30 before the window, 30, 29 and 31 in it
 
 
 def free_parts(drive):

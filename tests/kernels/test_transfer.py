@@ -7,7 +7,7 @@ import warp as wp
 from warpchain.engine.arrays import array_type, dtype_of
 from warpchain.kernels.gpu.transfer import transfer_kernels
 from warpchain.kernels.precision import as_float32
-from warpchain.kernels.structs import Progress
+from warpchain.kernels.structs import Drive, Progress
 
 
 def array(values, dtype):
@@ -26,9 +26,12 @@ def test_tables_come_in_the_devices_type_and_steps_from_where_variants_are(real)
     table = array_type("ensemble", "tables", real, True)
     tables, ends = wp.zeros(7, dtype=table, device="cpu"), wp.zeros(9, dtype=wp.int32, device="cpu")
     beyond = np.arange(9, dtype=np.int32)
-    inputs = [array(values, wp.float64), tables, array(progress(500), Progress), array(beyond, wp.int32), ends]
+    intervals, drives = np.array([20, 0, 60], dtype=np.int32), wp.zeros(3, dtype=Drive, device="cpu")
+    inputs = [array(values, wp.float64), tables, array(intervals, wp.int32), drives]
+    inputs += [array(progress(500), Progress), array(beyond, wp.int32), ends]
     wp.launch(transfer_kernels(real)["take_inputs"], 9, inputs=inputs, device="cpu")
     np.testing.assert_array_equal(tables.numpy(), as_float32(values, dtype_of(table)))
+    np.testing.assert_array_equal(drives.numpy()["frame_interval"], intervals)
     np.testing.assert_array_equal(ends.numpy(), 500 + beyond)
 
 

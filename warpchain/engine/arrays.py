@@ -369,12 +369,12 @@ class Engine(ABC):
     def set_constants(self, name: str, values: NDArray[Any]) -> None:
         """Sets an array of an engine's constants between launches."""
 
-    def stage_tables(self, first: int) -> None:  # noqa: B027
-        """Prepares inputs' tables, from value `first` on, to be set between launches at little cost."""
+    @abstractmethod
+    def stage_inputs(self, first: int) -> tuple[NDArray[Any], NDArray[Any]]:
+        """Views of tables and of rows' frame intervals, which `take_steps` reads as they stand.
 
-    def constants_view(self, name: str) -> NDArray[Any] | None:
-        """View that an engine takes a constant array from, or None."""
-        return None
+        Of the tables only values from `first` on may change.
+        """
 
     @abstractmethod
     def diverged_view(self) -> NDArray[Any]:

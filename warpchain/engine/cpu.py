@@ -176,9 +176,8 @@ class CpuEngine(Engine):
             held, values = (of.view(f"V{of.dtype.itemsize}") for of in (held, values))
         held[: len(values)] = values
 
-    def constants_view(self, name: str) -> NDArray[Any]:
-        view: NDArray[Any] = getattr(self.ensemble, name).numpy()
-        return view
+    def stage_inputs(self, first: int) -> tuple[NDArray[Any], NDArray[Any]]:
+        return self.ensemble.tables.numpy(), self.ensemble.drives.numpy()["frame_interval"]
 
     def diverged_view(self) -> NDArray[Any]:
         view: NDArray[Any] = self._progress["diverged"]

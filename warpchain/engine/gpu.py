@@ -199,8 +199,8 @@ class GpuEngine(GpuKernels, Engine):
         self._read_progress()
         # of pieces by kernel, steps and buffer of frames, with arrays to keep alive
         self._graphs: dict[tuple[str, int, int], tuple[wp.Graph, list[wp.array]]] = {}
-        self._host_tables: wp.array = wp.empty(0, dtype=wp.float64, device="cpu")
-        self._inputs = self._host_tables, self.ensemble.tables[:0]  # their tables on the host, pinned, and the device
+        self._inputs: list[wp.array] = []  # of a stepped run: tables and frame intervals, each from where and to where
+        self._host_inputs: list[wp.array] = []  # pinned
         drives = packed.drives
         begins = drives["window_start"] // STEP_UNIT * STEP_UNIT
         self._steps = int(drives["steps"].min())
@@ -262,7 +262,7 @@ class GpuEngine(GpuKernels, Engine):
                     self.stream.wait_event(frames.copied)
                 lanes = self._launch_sequences(np.minimum(steps, steps_left(self.packed.drives, self._progress)))
                 uploaded, columns = self._upload_launches(lanes)
-                if len(self._host_tables):
+                if self._inputs:
                     self._take_inputs(uploaded[:0], uploaded[:0])
                 self._launch_beside(lanes, columns, frames)
                 done = self.stream.record_event()
@@ -336,10 +336,9 @@ class GpuEngine(GpuKernels, Engine):
         return graph, [device, beyond]
 
     def _take_inputs(self, beyond: wp.array, ends: wp.array) -> None:
-        """Takes inputs' tables to the device, as they stand when the stream comes there, and sets launches' steps."""
-        host, tables = self._inputs
-        inputs = [self._on_device(host), tables, self.state.progress, beyond, ends]
-        self._transfer("take_inputs", max(len(host), len(ends)), inputs)
+        """Takes inputs to the device, as they stand when the stream comes there, and sets launches' steps."""
+        threads = max(map(len, [*self._inputs, ends]))
+        self._transfer("take_inputs", threads, [*self._inputs, self.state.progress, beyond, ends])
 
     def _transfer(self, name: str, threads: int, arrays: Sequence[wp.array]) -> None:
         """Launches a transfer kernel."""
@@ -433,14 +432,14 @@ class GpuEngine(GpuKernels, Engine):
             wp.synchronize_stream(self.stream)
         self._read_progress()
 
-    def stage_tables(self, first: int) -> None:
+    def stage_inputs(self, first: int) -> tuple[NDArray[Any], NDArray[Any]]:
         with self._explain_failures(), KERNEL_LOCK:
-            self._host_tables = wp.array(self.packed.tables, dtype=wp.float64, device="cpu", pinned=True)
-            self._inputs = self._host_tables[first:], self.ensemble.tables[first:]
+            found = self.packed.tables, self.packed.drives["frame_interval"]
+            self._host_inputs = [wp.array(of, device="cpu", pinned=True) for of in found]
+            tables, intervals = map(self._on_device, self._host_inputs)
+            self._inputs = [tables[first:], self.ensemble.tables[first:], intervals, self.ensemble.drives]
             wp.load_module(transfer_kernels(self.packed.real)["take_inputs"].module, device=self.device)
-
-    def constants_view(self, name: str) -> NDArray[Any] | None:
-        return self._host_tables.numpy() if name == "tables" else None
+        return self._host_inputs[0].numpy(), self._host_inputs[1].numpy()
 
     def set_constants(self, name: str, values: NDArray[Any]) -> None:
         with self._explain_failures():

@@ -219,8 +219,6 @@ class SteppedRun:
         self._inputs = make_ports(names[0], rows, part.packed)
         self._outputs = make_outputs(names[1], rows, part.packed)
         self._stored = np.zeros(len(rows.models))
-        self._shared: set[str] = set()
-        self._every: Sequence[int] = [1] * len(self._clock.steps)
         self._first_rows = rows.first_rows[:-1]
         self._row_groups = self._clock.group[rows.variant_of_row]
         self._engine: Engine | None = None
@@ -242,23 +240,14 @@ class SteppedRun:
                 raise KeyboardInterrupt
         packed = self._part.packed.at_precision(settings.precision)
         self._engine = make_engine(settings.device, packed, settings.cores)
-        self._engine.stage_tables(self._first_table)
+        packed.tables, self._frame_intervals = self._engine.stage_inputs(self._first_table)
+        self._diverged = self._engine.diverged_view()
         read = [np.zeros(0, dtype=np.int64), *(port.places.reshape(-1) for port in self._outputs.values())]
         self._frames = self._engine.frame_buffer(self._values, np.unique(np.concatenate(read)))
         self._host_frames = (
             self._frames.numpy if settings.device != "cpu" else partial(np.asarray, self._frames.numpy())
         )
-        self._take_views(self._engine)
         return self
-
-    def _take_views(self, engine: Engine) -> None:
-        """Has what the engine shares read and written in place."""
-        for name in ("tables", "drives"):
-            view = engine.constants_view(name)
-            if view is not None and view.dtype == getattr(engine.packed, name).dtype:
-                setattr(engine.packed, name, view)
-                self._shared.add(name)
-        self._diverged = engine.diverged_view()
 
     def __exit__(self, *_: object) -> None:
         engine, self._engine, self._state = self._engine, None, CLOSED
@@ -308,7 +297,6 @@ class SteppedRun:
         """
         engine = self._running
         if over is None and self._hold(values):
-            self._write_constants({"tables"})
             return
         time, end = self._clock.next, None
         if not isinstance(values, Mapping):
@@ -322,12 +310,8 @@ class SteppedRun:
             if not port.kind.tables:
                 self._note_stored_energy(port, value)
             changed |= port.set_values(engine.packed, value, time, end)
-        self._write_constants(changed)
-
-    def _write_constants(self, changed: set[str]) -> None:
-        """Copies changed constants to the device, unless it reads them in place."""
-        for name in changed - self._shared:
-            self._running.set_constants(name, getattr(self._running.packed, name))
+        for name in changed - {"tables"}:
+            engine.set_constants(name, getattr(engine.packed, name))
 
     def _hold(self, values: Any) -> bool:
         """Holds inputs at other numbers, if all are held already; returns whether they are."""
@@ -409,14 +393,14 @@ class SteppedRun:
         self._take_steps(engine, [0] * len(self._clock.steps))
 
     def _take_steps(self, engine: Engine, until: list[int]) -> None:
-        """Takes variants to steps `until`, by group, each with a last frame."""
+        """Takes variants to steps `until`, by group, each with a frame of the last."""
         counts = [n - taken for n, taken in zip(until, self._clock.taken, strict=True)]
-        every = [max(count if n % count == 0 else n, 1) for n, count in zip(until, counts, strict=True)]
-        if every != self._every:
-            self._every, drives = every, engine.packed.drives
-            drives["frame_interval"] = every[0] if len(every) == 1 else np.array(every)[self._row_groups]
-            self._write_constants({"drives"})
-        engine.take_steps(counts[0] if len(counts) == 1 else np.array(counts)[self._row_groups], self._frames)
+        if len(until) == 1:
+            self._frame_intervals[:] = max(until[0], 1)
+            engine.take_steps(counts[0], self._frames)
+        else:
+            self._frame_intervals[:] = np.maximum(until, 1)[self._row_groups]
+            engine.take_steps(np.array(counts)[self._row_groups], self._frames)
         self._clock.taken = until
 
     def get(self, name: str | None = None) -> Any:
@@ -448,9 +432,9 @@ class SteppedRun:
         Also in another run of the same drives, precision, kind of device, inputs, outputs and window.
         """
         engine = self._running
-        changed = {"drives", "tables", *(port.kind.array for port in self._inputs.values())}
+        changed = {"tables", *(port.kind.array for port in self._inputs.values())}
         constants = {name: getattr(engine.packed, name).copy() for name in changed}
-        clock = (self._clock.taken, self._clock.target, self._every, self._stored.copy(), self._host_frames().copy())
+        clock = (self._clock.taken, self._clock.target, self._stored.copy(), self._host_frames().copy())
         return SteppedState(self._key(), engine.copy_state(), (copy.deepcopy(self._inputs), constants), clock)
 
     @check_arguments(SimulationError)
@@ -468,7 +452,7 @@ class SteppedRun:
         for name, values in state.inputs[1].items():
             getattr(engine.packed, name)[:] = values
             engine.set_constants(name, values)
-        self._clock.taken, self._clock.target, self._every, stored, frames = state.clock
+        self._clock.taken, self._clock.target, stored, frames = state.clock
         self._stored = stored.copy()
         self._host_frames()[:] = frames
 
