@@ -5,6 +5,7 @@ from functools import cache
 
 import warp as wp
 
+from ..bodies.train_moments import train_cam, train_moment
 from ..integrate import Stage
 from ..physics.body import (
     body_accelerations,
@@ -16,12 +17,13 @@ from ..physics.body import (
 )
 from ..physics.motion import prescribed_rotation
 from ..physics.mount import displacement_from_home
+from ..physics.valve import constant_inertia_moment
 from ..structs import Drive, types
+from .body_states import leapfrog_interval
 from .carried_arms import carried_arm_functions
 from .hubs import hub_functions
 from .loads import load_functions
 from .tensioners import tensioner_functions
-from .train_moments import train_moment_functions
 from .trains import train_functions
 
 
@@ -43,7 +45,7 @@ def body_functions(Real: type) -> BodyFunctions:
     hubs = hub_functions(Real)
     carried_arms = carried_arm_functions(Real)
     loads = load_functions(Real)
-    trains, train_moments = train_functions(Real), train_moment_functions(Real)
+    trains = train_functions(Real)
     tensioners = tensioner_functions(Real)
 
     @wp.func
@@ -57,10 +59,13 @@ def body_functions(Real: type) -> BodyFunctions:
         state.wrenches[b].load = wrench.load
         wrench.load = wrench.load + wrench.bearing
         if drive.tied != 0 and motion.train >= 0 and motion.shaft_offset == 0:
-            wrench.moment = train_moments.train_moment(ensemble, state, drive, b)
+            rotors = drive.sprockets + drive.shafts
+            wrench.moment = train_moment(ensemble.motions, state.train_moments, drive.first_body, rotors, b)
             wrench.load = wp.float64(0.0)
             if drive.valves > 0:
-                wrench.moment = train_moments.moment_without_valves(ensemble, state, drive, b, wrench.moment, time)
+                cam = train_cam(ensemble.motions, state.cams, drive.first_body, rotors, b)
+                kick = leapfrog_interval(drive, time)
+                wrench.moment = constant_inertia_moment(wrench.moment, body.speed, kick, cam, motion)
         off = displacement_from_home(body.center, mount)
         return body_accelerations(time, off, body, pose_heading(state.poses[b]), wrench, motion, mount, ensemble)
 
@@ -72,9 +77,7 @@ def body_functions(Real: type) -> BodyFunctions:
         for b in range(drive.first_body, drive.first_body + drive.bodies):
             state.rates[b] = accelerations_of(ensemble, state, drive, b, time)
         if drive.jointed != 0:
-            lag = wp.float64(0.0)
-            if drive.integrator == 0 and time > lag:
-                lag = wp.float64(0.5) * drive.step
+            lag = wp.float64(0.5) * leapfrog_interval(drive, time)
             for a in range(drive.arms):
                 carried_arms.couple_accelerations(ensemble, state, drive, a, lag)
 

@@ -17,6 +17,12 @@ def arm_of(drive: Drive, b: int):
     return wp.where(place >= 0, drive.first_arm + place, -1)
 
 
+@wp.func
+def leapfrog_interval(drive: Drive, time: wp.float64):
+    """Leapfrog's step [s] to the speeds of `time` [s]; 0 where speeds are the instant's."""
+    return wp.where(drive.integrator == 0 and time > wp.float64(0.0), drive.step, wp.float64(0.0))
+
+
 @dataclass(frozen=True)
 class BodyStateFunctions:
     """CPU body state functions."""

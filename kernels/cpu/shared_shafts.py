@@ -8,9 +8,10 @@ from functools import cache
 
 import warp as wp
 
+from ..bodies.train_moments import train_cam
 from ..physics.valve import valve_inertia_share
 from ..structs import types
-from .train_moments import train_moment_functions
+from .body_states import leapfrog_interval
 
 
 @dataclass(frozen=True)
@@ -25,7 +26,6 @@ def shared_shaft_functions(Real: type) -> SharedShaftFunctions:
     """CPU shared shaft functions."""
     kinds = types(Real)
     Ensemble, State = kinds.Ensemble, kinds.State
-    train_moments = train_moment_functions(Real)
 
     @wp.func
     def body_count(ensemble: Ensemble, first: int, chains: int):
@@ -39,12 +39,12 @@ def shared_shaft_functions(Real: type) -> SharedShaftFunctions:
     ):
         """Adds the acceleration by the moment on body `b`, of another chain, to the bodies of its train.
 
-        `begin` and `count` are the variant's bodies, `kick` `train_moments.leapfrog_interval` [s].
+        `begin` and `count` are the variant's bodies, `kick` `leapfrog_interval` [s].
         """
         first = b + ensemble.motions[b].shaft_offset
         mine, wrench, more = ensemble.motions[first], state.wrenches[b], state.rates[b][2]
         if lifting:
-            cam = train_moments.train_cam(ensemble, state, begin, count, first)
+            cam = train_cam(ensemble.motions, state.cams, begin, count, first)
             share = valve_inertia_share(state.bodies[first].speed, kick, cam, mine)
             more = more / (wp.float64(1.0) + share)
         state.train_moments[first] = state.train_moments[first] + wrench.moment + wrench.bearing + wrench.load
@@ -78,7 +78,7 @@ def shared_shaft_functions(Real: type) -> SharedShaftFunctions:
             state,
             drive.first_body,
             body_count(ensemble, variant, chains),
-            train_moments.leapfrog_interval(drive, time),
+            leapfrog_interval(drive, time),
             lifting,
         )
 

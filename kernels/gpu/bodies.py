@@ -82,7 +82,7 @@ def body_functions(kind: BlockKind) -> BodyFunctions:
         """Wrench that moves the thread's body, with the moments of its train."""
         if wp.static(kind.parts.is_tied):
             if mine.arm < 0:
-                wrench.moment = train_moments.train_moment(shared, mine, now, mine.body)
+                wrench.moment = train_moments.moment_on_body(shared, mine, now, mine.body)
                 wrench.load = Real(0.0)
         return wrench
 

@@ -5,11 +5,11 @@ from functools import cache
 
 import warp as wp
 
+from ..bodies.train_moments import train_cam, train_moment
 from ..integrate import leapfrog_lag
-from ..native import quotient
 from ..number import exact_multiple, leading_value
 from ..physics.motion import prescribed_acceleration
-from ..physics.valve import add_geared_cam, constant_inertia_moment
+from ..physics.valve import constant_inertia_moment
 from .block_kinds import BlockKind
 from .block_structs import ThreadParts
 from .prescribed_motion import prescribed_motion_functions
@@ -19,7 +19,7 @@ from .prescribed_motion import prescribed_motion_functions
 class TrainMomentFunctions:
     """Train moment functions of a block (`physics.train`)."""
 
-    train_moment: wp.Function
+    moment_on_body: wp.Function
     speed_and_acceleration_now: wp.Function
 
 
@@ -31,35 +31,21 @@ def train_moment_functions(kind: BlockKind) -> TrainMomentFunctions:
     prescribed_motion = prescribed_motion_functions(kind)
 
     @wp.func
-    def moment_without_valves(shared: Shared, mine: ThreadParts, now: Now, b: int, moment: Real):
-        """Moment [N m] that turns a block's body b, without valves' inertia, from that of all but valves."""
-        cam, kick, own = kinds.Cam(), Real(0.0), shared.motions[b]
-        for other in range(rotors):
-            motion = shared.motions[other]
-            if motion.train == own.train:
-                cam = add_geared_cam(cam, shared.cams[other], quotient(motion.ratio, own.ratio))
-        if wp.static(not kind.has_stages):
-            kick = Real(2.0) * leapfrog_lag(now.step, leading_value(prescribed_motion.exact_time_step(mine)))
-        return constant_inertia_moment(moment, leading_value(shared.poses[b].speed), kick, cam, own)
-
-    @wp.func
-    def train_moment(shared: Shared, mine: ThreadParts, now: Now, b: int):
-        """Moment [N m] that turns body b of a block's train as if it turned alone (`physics.train`)."""
-        own, total = shared.motions[b], Real(0.0)
-        for other in range(rotors):
-            motion = shared.motions[other]
-            if motion.train == own.train:
-                total = total + motion.ratio * shared.train_moments[other]
-        moment = quotient(total, own.ratio)
+    def moment_on_body(shared: Shared, mine: ThreadParts, now: Now, b: int):
+        """Moment [N m] that turns body b of a block's train as if it turned alone, without valves' inertia."""
+        moment = train_moment(shared.motions, shared.train_moments, 0, rotors, b)
         if wp.static(kind.parts.valves):
-            moment = moment_without_valves(shared, mine, now, b, moment)
+            kick, cam = Real(0.0), train_cam(shared.motions, shared.cams, 0, rotors, b)
+            if wp.static(not kind.has_stages):
+                kick = Real(2.0) * leapfrog_lag(now.step, leading_value(prescribed_motion.exact_time_step(mine)))
+            moment = constant_inertia_moment(moment, leading_value(shared.poses[b].speed), kick, cam, shared.motions[b])
         return moment
 
     @wp.func
     def speed_and_acceleration_now(ensemble: Ensemble, shared: Shared, mine: ThreadParts, now: Now, b: int):
         """Angular velocity [rad/s] and acceleration [rad/s^2] of a block's train's body b at the step's instant."""
         pose, motion = shared.poses[b], shared.motions[b]
-        speed, angular = leading_value(pose.speed), train_moment(shared, mine, now, b) * motion.inverse_inertia
+        speed, angular = leading_value(pose.speed), moment_on_body(shared, mine, now, b) * motion.inverse_inertia
         if wp.static(not kind.has_stages):
             lag = leapfrog_lag(now.step, leading_value(prescribed_motion.exact_time_step(mine)))
             speed = wp.where(motion.prescribed == 1, pose.exact_speed, speed + lag * angular)
@@ -70,6 +56,6 @@ def train_moment_functions(kind: BlockKind) -> TrainMomentFunctions:
         return speed, angular
 
     return TrainMomentFunctions(
-        train_moment=train_moment,
+        moment_on_body=moment_on_body,
         speed_and_acceleration_now=speed_and_acceleration_now,
     )
