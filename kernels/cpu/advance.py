@@ -12,8 +12,7 @@ import warp as wp
 from ..integrate import MOST_STAGES, leapfrog_kick, leapfrog_lag, stage_at, stage_count, stretched_part
 from ..modules import own_module
 from ..structs import DIVERGENCE_CHECK, Drive, Now, Sums, types
-from .bodies import body_functions
-from .body_states import body_state_functions
+from . import bodies, body_states, shared_shafts
 from .chain_sums import chain_sum_functions
 from .contact_rows import contact_row_functions
 from .forces import force_functions
@@ -22,7 +21,6 @@ from .link_tallies import link_tally_functions
 from .near_rollers import near_roller_functions
 from .neighbor_list import neighbor_list_functions
 from .rollers import ROWS, roller_functions
-from .shared_shafts import shared_shaft_functions
 from .steps import step_functions
 from .toes import toe_functions
 from .window_sums import window_sum_functions
@@ -62,10 +60,7 @@ def advance_kernel(Real: type, capacity: int, frame: Any, several: bool, silent:
     kinds = types(Real)
     Ensemble, State = kinds.Ensemble, kinds.State
     rollers = roller_functions(Real, capacity)
-    bodies = body_functions(Real)
-    body_states = body_state_functions(Real)
     steps = step_functions(Real, capacity)
-    shared_shafts = shared_shaft_functions(Real)
     window_sums = window_sum_functions(Real, capacity)
     frame_output = frame_output_functions(Real, capacity, frame)
     link_tallies = link_tally_functions(Real, capacity)

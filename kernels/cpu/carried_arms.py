@@ -1,7 +1,6 @@
 """Arms that arms carry, on the CPU: moments and coupled accelerations (`physics.hub`, (b))."""
 
-from dataclasses import dataclass
-from functools import cache
+from typing import Any
 
 import warp as wp
 
@@ -10,8 +9,8 @@ from ..physics.body import arm_mass_moment, heading_of, pose_of, wrench_with_for
 from ..physics.guide import world_vector
 from ..physics.hub import carried_arm_acceleration, pivot_force
 from ..physics.hub import carried_arm_energy as energy_of
-from ..structs import Arm, BodyState, Drive, Now, Wrench, types
-from .body_states import body_state_functions
+from ..structs import Arm, BodyState, Drive, Now, Wrench
+from . import body_states
 
 
 @wp.func
@@ -27,51 +26,33 @@ def carried_energy(body: BodyState, carrier: BodyState, arm: Arm):
     return energy_of(body.speed, arm_mass_moment(heading_of(body), arm), lever, carrier)
 
 
-@dataclass(frozen=True)
-class CarriedArmFunctions:
-    """CPU functions of arms that carry arms."""
+@wp.func
+def wrench_with_pivot_forces(
+    ensemble: Any, state: Any, drive: Drive, a: int, wrench: Wrench, rates: wp.vec3d, now: Now
+):
+    """Wrench on arm `a` of a drive on the CPU with carried arms' pivot forces, and its accelerations."""
+    for k in range(drive.arms):
+        arm = ensemble.arms[drive.first_arm + k]
+        if arm.on == a + 1:
+            b = drive.first_body + drive.bodies - drive.arms + k
+            body = body_states.body_now(ensemble, state, b, now.time, now.lag)
+            force = pivot_force(body.speed, state.rates[b][2], arm_mass_moment(heading_of(body), arm))
+            wrench = wrench_with_force(wrench, force, wp.float64(0.0))
+            rates[2] = state.rates[carrier_body(drive, arm.on)][2]
+    return wrench, rates
 
-    wrench_with_pivot_forces: wp.Function
-    couple_accelerations: wp.Function
 
-
-@cache
-def carried_arm_functions(Real: type) -> CarriedArmFunctions:
-    """CPU functions of arms that carry arms."""
-    kinds = types(Real)
-    Ensemble, State = kinds.Ensemble, kinds.State
-    body_states = body_state_functions(Real)
-
-    @wp.func
-    def wrench_with_pivot_forces(
-        ensemble: Ensemble, state: State, drive: Drive, a: int, wrench: Wrench, rates: wp.vec3d, now: Now
-    ):
-        """Wrench on arm `a` of a drive on the CPU with carried arms' pivot forces, and its accelerations."""
-        for k in range(drive.arms):
-            arm = ensemble.arms[drive.first_arm + k]
-            if arm.on == a + 1:
-                b = drive.first_body + drive.bodies - drive.arms + k
-                body = body_states.body_now(ensemble, state, b, now.time, now.lag)
-                force = pivot_force(body.speed, state.rates[b][2], arm_mass_moment(heading_of(body), arm))
-                wrench = wrench_with_force(wrench, force, wp.float64(0.0))
-                rates[2] = state.rates[carrier_body(drive, arm.on)][2]
-        return wrench, rates
-
-    @wp.func
-    def couple_accelerations(ensemble: Ensemble, state: State, drive: Drive, a: int, lag: wp.float64):
-        """Sets the coupled accelerations, (b), of arm `a` of a drive and of arms on it, on the CPU."""
-        arms, motions, poses = ensemble.arms, ensemble.motions, state.poses
-        first = drive.first_body + drive.bodies - drive.arms
-        rates = state.rates[first + a]
-        rates[2] = coupled_acceleration(drive, arms, motions, poses, state.rates, first, a, lag)
-        for k in range(drive.arms):
-            if arms[drive.first_arm + k].on == a + 1:
-                terms, inverse = joint_terms(drive, arms, motions, poses, state.rates, first, k, lag)
-                turning = state.rates[first + k]
-                turning[2] = carried_arm_acceleration(rates[2], terms, inverse)
-                state.rates[first + k] = turning
-                state.rates[first + a] = rates
-
-    return CarriedArmFunctions(
-        wrench_with_pivot_forces=wrench_with_pivot_forces, couple_accelerations=couple_accelerations
-    )
+@wp.func
+def couple_accelerations(ensemble: Any, state: Any, drive: Drive, a: int, lag: wp.float64):
+    """Sets the coupled accelerations, (b), of arm `a` of a drive and of arms on it, on the CPU."""
+    arms, motions, poses = ensemble.arms, ensemble.motions, state.poses
+    first = drive.first_body + drive.bodies - drive.arms
+    rates = state.rates[first + a]
+    rates[2] = coupled_acceleration(drive, arms, motions, poses, state.rates, first, a, lag)
+    for k in range(drive.arms):
+        if arms[drive.first_arm + k].on == a + 1:
+            terms, inverse = joint_terms(drive, arms, motions, poses, state.rates, first, k, lag)
+            turning = state.rates[first + k]
+            turning[2] = carried_arm_acceleration(rates[2], terms, inverse)
+            state.rates[first + k] = turning
+            state.rates[first + a] = rates

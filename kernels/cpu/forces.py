@@ -8,8 +8,8 @@ import warp as wp
 from ..physics.link import has_uneven_links
 from ..physics.tensioner import tensioner_push
 from ..structs import Drive, Wrench, types
+from . import hubs
 from .contact_pairs import contact_pair_functions
-from .hubs import hub_functions
 from .joints import joint_functions
 from .near_rollers import near_roller_functions
 from .rollers import roller_functions, rows
@@ -32,7 +32,6 @@ def force_functions(Real: type, capacity: int, silent: bool) -> ForceFunctions:
     near_rollers = near_roller_functions(Real, capacity)
     contact_pairs = contact_pair_functions(Real, capacity, silent)
     row = rows(capacity)
-    hubs = hub_functions(Real)
     strand_loads = strand_load_functions(Real, capacity)
     joints = joint_functions(Real, capacity)
 

@@ -9,11 +9,9 @@ import warp as wp
 from ..frames import frame_writer_functions
 from ..native import row_access
 from ..structs import Drive, Now, types
-from .body_states import body_state_functions
-from .couplings import coupling_functions
+from . import body_states, couplings, valves
 from .joints import joint_functions
 from .rollers import roller_functions, rows
-from .valves import valve_functions
 
 
 @dataclass(frozen=True)
@@ -33,8 +31,6 @@ def frame_output_functions(Real: type, capacity: int, frame: Any) -> FrameOutput
     row = rows(capacity)
     rollers = roller_functions(Real, capacity)
     joints = joint_functions(Real, capacity)
-    body_states = body_state_functions(Real)
-    couplings, valves = coupling_functions(Real), valve_functions(Real)
 
     @wp.func
     def roller_extra(w: wp.array[Real], i: int):

@@ -1,7 +1,6 @@
 """Wrenches and moments on single bodies on the CPU: contacts', tensioners', loads', arms' springs', motors'."""
 
-from dataclasses import dataclass
-from functools import cache
+from typing import Any
 
 import warp as wp
 
@@ -9,56 +8,41 @@ from ..bodies.carried_arms import carried_spring_moment, spring_state
 from ..physics.body import arm_own_moment, heading_of, wrench_with_force
 from ..physics.motion import load_moment
 from ..physics.train import motor_moment
-from ..structs import BodyState, Drive, types
+from ..structs import BodyState, Drive
 from .body_states import arm_of
 
 
-@dataclass(frozen=True)
-class LoadFunctions:
-    """CPU load functions."""
+@wp.func
+def body_wrench(ensemble: Any, state: Any, drive: Drive, b: int):
+    """Wrench of contacts and tensioners on body `b` of all, on the CPU."""
+    wrench = state.wrenches[b]
+    for t in range(drive.first_tensioner, drive.first_tensioner + drive.tensioners):
+        if drive.first_body + ensemble.tensioners[t].body == b:
+            wrench = wrench_with_force(wrench, state.pushes[t].thrust, state.pushes[t].moment)
+    return wrench
 
-    body_wrench: wp.Function
-    body_load: wp.Function
-    body_motor_moment: wp.Function
+
+@wp.func
+def body_load(ensemble: Any, state: Any, drive: Drive, body: BodyState, b: int, time: wp.float64):
+    """Load moment [N m] on body `b` of all on the CPU; an arm's by springs and weight."""
+    load = load_moment(time, body.angle, body.speed, ensemble.motions[b], ensemble)
+    arm = arm_of(drive, b)
+    if arm >= 0:
+        load = arm_own_moment(body, heading_of(body), ensemble.arms[arm])
+        if drive.jointed != 0:
+            a, first = arm - drive.first_arm, drive.first_body + drive.bodies - drive.arms
+            seen = spring_state(drive, ensemble.arms, state.bodies, first, a, body)
+            load = arm_own_moment(seen, heading_of(body), ensemble.arms[arm])
+            load = load + carried_spring_moment(drive, ensemble.arms, state.bodies, first, a)
+    return load
 
 
-@cache
-def load_functions(Real: type) -> LoadFunctions:
-    """CPU load functions."""
-    kinds = types(Real)
-    Ensemble, State = kinds.Ensemble, kinds.State
-
-    @wp.func
-    def body_wrench(ensemble: Ensemble, state: State, drive: Drive, b: int):
-        """Wrench of contacts and tensioners on body `b` of all, on the CPU."""
-        wrench = state.wrenches[b]
-        for t in range(drive.first_tensioner, drive.first_tensioner + drive.tensioners):
-            if drive.first_body + ensemble.tensioners[t].body == b:
-                wrench = wrench_with_force(wrench, state.pushes[t].thrust, state.pushes[t].moment)
-        return wrench
-
-    @wp.func
-    def body_load(ensemble: Ensemble, state: State, drive: Drive, body: BodyState, b: int, time: wp.float64):
-        """Load moment [N m] on body `b` of all on the CPU; an arm's by springs and weight."""
-        load = load_moment(time, body.angle, body.speed, ensemble.motions[b], ensemble)
-        arm = arm_of(drive, b)
-        if arm >= 0:
-            load = arm_own_moment(body, heading_of(body), ensemble.arms[arm])
-            if drive.jointed != 0:
-                a, first = arm - drive.first_arm, drive.first_body + drive.bodies - drive.arms
-                seen = spring_state(drive, ensemble.arms, state.bodies, first, a, body)
-                load = arm_own_moment(seen, heading_of(body), ensemble.arms[arm])
-                load = load + carried_spring_moment(drive, ensemble.arms, state.bodies, first, a)
-        return load
-
-    @wp.func
-    def body_motor_moment(ensemble: Ensemble, state: State, drive: Drive, b: int, time: wp.float64):
-        """Moment [N m] of the motor on body `b` of all on the CPU."""
-        moment = wp.float64(0.0)
-        shaft = b - drive.first_body - drive.sprockets
-        if shaft >= 0 and shaft < drive.shafts:
-            body, motion, motor = state.bodies[b], ensemble.motions[b], ensemble.motors[drive.first_shaft + shaft]
-            moment = motor_moment(time, body.angle, body.speed, motor, motion, ensemble.tables)
-        return moment
-
-    return LoadFunctions(body_wrench=body_wrench, body_load=body_load, body_motor_moment=body_motor_moment)
+@wp.func
+def body_motor_moment(ensemble: Any, state: Any, drive: Drive, b: int, time: wp.float64):
+    """Moment [N m] of the motor on body `b` of all on the CPU."""
+    moment = wp.float64(0.0)
+    shaft = b - drive.first_body - drive.sprockets
+    if shaft >= 0 and shaft < drive.shafts:
+        body, motion, motor = state.bodies[b], ensemble.motions[b], ensemble.motors[drive.first_shaft + shaft]
+        moment = motor_moment(time, body.angle, body.speed, motor, motion, ensemble.tables)
+    return moment

@@ -9,9 +9,8 @@ from ..native import row_access
 from ..physics.body import relax_arm
 from ..relaxation import ENERGY_EVERY, Settling, finite_size, relative_residual, relaxation_after_check, relaxation_kick
 from ..structs import Drive, types
-from .bodies import body_functions
+from . import bodies, hubs
 from .forces import force_functions
-from .hubs import hub_functions
 from .near_rollers import near_roller_functions
 from .neighbor_list import neighbor_list_functions
 from .rollers import roller_functions, rows
@@ -29,8 +28,6 @@ def relax_kernel(Real: type, capacity: int, silent: bool = False) -> wp.Kernel:
     forces = force_functions(Real, capacity, silent)
     near_rollers = near_roller_functions(Real, capacity)
     access = row_access(Real)
-    bodies = body_functions(Real)
-    hubs = hub_functions(Real)
     toes = toe_functions(Real, capacity)
 
     @wp.func

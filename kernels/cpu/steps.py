@@ -8,7 +8,7 @@ import warp as wp
 from ..integrate import Stage
 from ..native import row_access
 from ..structs import Drive, types
-from .bodies import body_functions
+from . import bodies
 from .neighbor_list import neighbor_list_functions
 from .rollers import roller_functions, rows
 
@@ -28,7 +28,6 @@ def step_functions(Real: type, capacity: int) -> StepFunctions:
     Ensemble, State, Chain = kinds.Ensemble, kinds.State, kinds.Chain
     rollers = roller_functions(Real, capacity)
     access = row_access(Real)
-    bodies = body_functions(Real)
     neighbor_list = neighbor_list_functions(Real, capacity)
     row = rows(capacity)
 

@@ -1,47 +1,28 @@
 """Trains on the CPU: moments on bodies of shafts, couplings, motors and valves before they move."""
 
-from dataclasses import dataclass
-from functools import cache
+from typing import Any
 
 import warp as wp
 
-from ..structs import GROUND, Drive, types
-from .couplings import coupling_functions
-from .loads import load_functions
-from .valves import valve_functions
+from ..structs import GROUND, Drive
+from . import couplings, loads, valves
 
 
-@dataclass(frozen=True)
-class TrainFunctions:
-    """CPU train functions."""
-
-    find_train_moments: wp.Function
-
-
-@cache
-def train_functions(Real: type) -> TrainFunctions:
-    """CPU train functions."""
-    kinds = types(Real)
-    Ensemble, State = kinds.Ensemble, kinds.State
-    couplings, loads, valves = coupling_functions(Real), load_functions(Real), valve_functions(Real)
-
-    @wp.func
-    def find_train_moments(ensemble: Ensemble, state: State, drive: Drive, stage: int, time: wp.float64):
-        """Sets `state.train_moments` on the CPU: moments on all bodies but arms, with those of motors and couplings."""
-        if stage == 0:
-            couplings.update_couplings(ensemble, state, drive, time)
-        for b in range(drive.first_body, drive.first_body + drive.sprockets + drive.shafts):
-            wrench = loads.body_wrench(ensemble, state, drive, b)
-            moment = wrench.moment + wrench.bearing + loads.body_load(ensemble, state, drive, state.bodies[b], b, time)
-            state.train_moments[b] = moment + loads.body_motor_moment(ensemble, state, drive, b, time)
-        for c in range(drive.first_coupling, drive.first_coupling + drive.couplings):
-            coupling = ensemble.couplings[c]
-            first, second = drive.first_body + coupling.first, drive.first_body + coupling.second
-            twist, moment = couplings.twist_and_moment(ensemble, state, drive, c)
-            if coupling.first != GROUND:
-                state.train_moments[first] = state.train_moments[first] - moment
-            state.train_moments[second] = state.train_moments[second] + state.couplings[c].ratio * moment
-        if drive.valves > 0:
-            valves.find_valve_loads(ensemble, state, drive)
-
-    return TrainFunctions(find_train_moments=find_train_moments)
+@wp.func
+def find_train_moments(ensemble: Any, state: Any, drive: Drive, stage: int, time: wp.float64):
+    """Sets `state.train_moments` on the CPU: moments on all bodies but arms, with those of motors and couplings."""
+    if stage == 0:
+        couplings.update_couplings(ensemble, state, drive, time)
+    for b in range(drive.first_body, drive.first_body + drive.sprockets + drive.shafts):
+        wrench = loads.body_wrench(ensemble, state, drive, b)
+        moment = wrench.moment + wrench.bearing + loads.body_load(ensemble, state, drive, state.bodies[b], b, time)
+        state.train_moments[b] = moment + loads.body_motor_moment(ensemble, state, drive, b, time)
+    for c in range(drive.first_coupling, drive.first_coupling + drive.couplings):
+        coupling = ensemble.couplings[c]
+        first, second = drive.first_body + coupling.first, drive.first_body + coupling.second
+        twist, moment = couplings.twist_and_moment(ensemble, state, drive, c)
+        if coupling.first != GROUND:
+            state.train_moments[first] = state.train_moments[first] - moment
+        state.train_moments[second] = state.train_moments[second] + state.couplings[c].ratio * moment
+    if drive.valves > 0:
+        valves.find_valve_loads(ensemble, state, drive)

@@ -10,14 +10,11 @@ from ..physics.tensioner import extension_and_rate, plunger_losses, tensioner_en
 from ..physics.train import coupling_energy
 from ..structs import Drive, Now, Sums, types
 from ..sums import MERGE_EVERY, add_contact, add_energy, add_meter, add_tensioner, add_touches
-from .body_states import body_state_functions
-from .body_sums import body_sum_functions
+from . import body_states, body_sums, couplings, train_sums
 from .chain_sums import chain_sum_functions
-from .couplings import coupling_functions
 from .joints import joint_functions
 from .link_tallies import link_tally_functions
 from .strand_loads import strand_load_functions
-from .train_sums import train_sum_functions
 
 
 @dataclass(frozen=True)
@@ -33,12 +30,8 @@ def window_sum_functions(Real: type, capacity: int) -> WindowSumFunctions:
     kinds = types(Real)
     Ensemble, State, Chain = kinds.Ensemble, kinds.State, kinds.Chain
     chain_sums = chain_sum_functions(Real, capacity)
-    body_states = body_state_functions(Real)
-    couplings = coupling_functions(Real)
-    body_sums = body_sum_functions(Real)
     link_tallies = link_tally_functions(Real, capacity)
     joints = joint_functions(Real, capacity)
-    train_sums = train_sum_functions(Real)
     strand_loads = strand_load_functions(Real, capacity)
 
     @wp.func(inline=False)  # out of the time loop's one piece, as few steps call it: that compiles faster
