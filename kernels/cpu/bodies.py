@@ -8,7 +8,6 @@ from ..bodies.train_moments import train_cam, train_moment
 from ..integrate import Stage
 from ..physics.body import (
     body_accelerations,
-    body_with_accelerations,
     leapfrog_body,
     move_prescribed_center,
     pose_heading,
@@ -67,8 +66,7 @@ def take_leapfrog_step(ensemble: Any, state: Any, drive: Drive, time: wp.float64
         if motion.prescribed == 1:
             ahead, speed = prescribed_rotation(time + drive.step, motion, ensemble)
         moved = leapfrog_body(kick, drive.step, body, rates, ahead, motion, mount)
-        moved = move_prescribed_center(time + drive.step, drive.step, moved, mount, ensemble)
-        state.bodies[b] = body_with_accelerations(body, moved, rates, kick, motion, mount)
+        state.bodies[b] = move_prescribed_center(time + drive.step, kick, drive.step, moved, mount, ensemble)
     if drive.hubs != 0:
         hubs.place_carried_bodies(ensemble, state, drive)
     tensioners.advance_tensioners(ensemble, state, drive)

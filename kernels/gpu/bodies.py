@@ -15,7 +15,6 @@ from ..physics.body import (
     aligned_pose,
     body_accelerations,
     body_at_time,
-    body_with_accelerations,
     leapfrog_body,
     move_prescribed_center,
     plain_body,
@@ -130,8 +129,8 @@ def body_functions(kind: BlockKind) -> BodyFunctions:
             ahead = plan_index(mine.prescribed_index, now.step + 1)  # not used where the angle is free
             kick, angle = leapfrog_kick(now.step, h), shared.prescribed_angles[ahead]
             moved = leapfrog_body(kick, h, body, rates, angle, motion, mount)
-            moved = move_prescribed_center(time + prescribed_motion.exact_time_step(mine), h, moved, mount, ensemble)
-            moved = body_with_accelerations(body, moved, rates, kick, motion, mount)
+            after = time + prescribed_motion.exact_time_step(mine)
+            moved = move_prescribed_center(after, kick, h, moved, mount, ensemble)
             pose.exact_speed = shared.prescribed_speeds[ahead]
             geometry.put_pose(
                 shared, b, turned_pose(pose_with_coordinates(pose, moved), difference(moved.angle, body.angle))

@@ -197,40 +197,34 @@ def body_accelerations(
 
 @wp.func
 def leapfrog_body(kick: Any, h: Any, body: Any, rates: Any, ahead: Any, motion: Any, mount: Any):
-    """A body's state one leapfrog step `h` [s] later, a prescribed center aside.
+    """A body's state one leapfrog step `h` [s] later with its accelerations, a prescribed center aside.
 
     `kick` is the speed's step [s], `ahead` a prescribed final angle.
     """
     led = motion.prescribed == 1
     speed = wp.where(led, (ahead - body.angle) * reciprocal(h), body.speed + kick * rates[2])
+    body.angular = rates[2]
+    if led:
+        body.angular = rounded_value(difference(speed, body.speed)) * reciprocal(kick)
     body.angle = wp.where(led, ahead, body.angle + h * speed)
     body.speed = speed
+    body.straight = wp.vector(rates[0], rates[1])
     if mount.active != 0 and mount.moves != PRESCRIBED:
-        body.velocity = body.velocity + kick * wp.vector(rates[0], rates[1])
+        body.velocity = body.velocity + kick * body.straight
         body.center = body.center + h * body.velocity
     return body
 
 
 @wp.func
-def move_prescribed_center(after: Any, h: Any, body: Any, mount: Any, ensemble: Any):
+def move_prescribed_center(after: Any, kick: Any, h: Any, body: Any, mount: Any, ensemble: Any):
     """A body's state with its prescribed center as at `after` [s], at its mean velocity over `h` [s]."""
     if mount.moves == PRESCRIBED:
         center, velocity, growth = prescribed_center(after, mount, ensemble)
-        body.velocity = (center - body.center) * reciprocal(h)
+        mean = (center - body.center) * reciprocal(h)
+        body.straight = rounded_value(difference(mean, body.velocity)) * reciprocal(kick)
+        body.velocity = mean
         body.center = center
     return body
-
-
-@wp.func
-def body_with_accelerations(before: Any, after: Any, rates: Any, kick: Any, motion: Any, mount: Any):
-    """A body's state after a leapfrog step with its accelerations."""
-    after.angular = rates[2]
-    if motion.prescribed == 1:
-        after.angular = rounded_value(difference(after.speed, before.speed)) * reciprocal(kick)
-    after.straight = wp.vector(rates[0], rates[1])
-    if mount.moves == PRESCRIBED:
-        after.straight = rounded_value(difference(after.velocity, before.velocity)) * reciprocal(kick)
-    return after
 
 
 @wp.func
