@@ -1,4 +1,4 @@
-"""Wrenches and moments on single bodies on the CPU: contacts', tensioners', loads', arms' springs', motors'."""
+"""Wrenches and moments on single bodies on the CPU: contacts', tensioners', loads', arms' springs'."""
 
 from typing import Any
 
@@ -7,7 +7,6 @@ import warp as wp
 from ..bodies.carried_arms import carried_spring_moment, spring_state
 from ..physics.body import arm_own_moment, heading_of, wrench_with_force
 from ..physics.motion import load_moment
-from ..physics.train import motor_moment
 from ..structs import BodyState, Drive
 from .body_states import arm_of
 
@@ -25,7 +24,7 @@ def body_wrench(ensemble: Any, state: Any, drive: Drive, b: int):
 @wp.func
 def body_load(ensemble: Any, state: Any, drive: Drive, body: BodyState, b: int, time: wp.float64):
     """Load moment [N m] on body `b` of all on the CPU; an arm's by springs and weight."""
-    load = load_moment(time, body.angle, body.speed, ensemble.motions[b], ensemble)
+    load = load_moment(time, time, body.angle, body.speed, ensemble.motions[b], ensemble)
     arm = arm_of(drive, b)
     if arm >= 0:
         load = arm_own_moment(body, heading_of(body), ensemble.arms[arm])
@@ -35,14 +34,3 @@ def body_load(ensemble: Any, state: Any, drive: Drive, body: BodyState, b: int, 
             load = arm_own_moment(seen, heading_of(body), ensemble.arms[arm])
             load = load + carried_spring_moment(drive, ensemble.arms, state.bodies, first, a)
     return load
-
-
-@wp.func
-def body_motor_moment(ensemble: Any, state: Any, drive: Drive, b: int, time: wp.float64):
-    """Moment [N m] of the motor on body `b` of all on the CPU."""
-    moment = wp.float64(0.0)
-    shaft = b - drive.first_body - drive.sprockets
-    if shaft >= 0 and shaft < drive.shafts:
-        body, motion, motor = state.bodies[b], ensemble.motions[b], ensemble.motors[drive.first_shaft + shaft]
-        moment = motor_moment(time, body.angle, body.speed, motor, motion, ensemble.tables)
-    return moment

@@ -4,11 +4,12 @@ from typing import Any
 
 import warp as wp
 
+from ..bodies.loads import body_motor_moment
 from ..physics.motion import load_moment_at_speed
 from ..physics.train import coupling_loss, is_on_gear_side
 from ..structs import GROUND, Drive, Now, Sums
 from ..sums import add_coupling, add_gear, add_shaft, add_valve
-from . import body_states, couplings, loads, valves
+from . import body_states, couplings, valves
 
 
 @wp.func
@@ -16,9 +17,9 @@ def add_shaft_step(ensemble: Any, state: Any, sums: Sums, drive: Drive, h: int, 
     """Adds a step of shaft h of the drive to the window's sums, on the CPU."""
     b, i = drive.first_body + drive.sprockets + h, drive.first_shaft + h
     body = body_states.body_now(ensemble, state, b, now.time, now.lag)
-    before = state.bodies[b].speed
-    load = load_moment_at_speed(now.time, state.wrenches[b].load, before, body.speed, ensemble.motions[b])
-    motor = loads.body_motor_moment(ensemble, state, drive, b, now.time)
+    before, motion = state.bodies[b], ensemble.motions[b]
+    load = load_moment_at_speed(now.time, state.wrenches[b].load, before.speed, body.speed, motion)
+    motor = body_motor_moment(now.time, ensemble, drive, drive.sprockets + h, before, motion)
     sums.shaft[i] = add_shaft(sums.shaft[i], body.speed, motor, load, now.weight)
 
 

@@ -4,6 +4,7 @@ from typing import Any
 
 import warp as wp
 
+from ..bodies.loads import body_motor_moment
 from ..structs import GROUND, Drive
 from . import couplings, loads, valves
 
@@ -14,9 +15,10 @@ def find_train_moments(ensemble: Any, state: Any, drive: Drive, stage: int, time
     if stage == 0:
         couplings.update_couplings(ensemble, state, drive, time)
     for b in range(drive.first_body, drive.first_body + drive.sprockets + drive.shafts):
-        wrench = loads.body_wrench(ensemble, state, drive, b)
-        moment = wrench.moment + wrench.bearing + loads.body_load(ensemble, state, drive, state.bodies[b], b, time)
-        state.train_moments[b] = moment + loads.body_motor_moment(ensemble, state, drive, b, time)
+        wrench, body = loads.body_wrench(ensemble, state, drive, b), state.bodies[b]
+        moment = wrench.moment + wrench.bearing + loads.body_load(ensemble, state, drive, body, b, time)
+        motor = body_motor_moment(time, ensemble, drive, b - drive.first_body, body, ensemble.motions[b])
+        state.train_moments[b] = moment + motor
     for c in range(drive.first_coupling, drive.first_coupling + drive.couplings):
         coupling = ensemble.couplings[c]
         first, second = drive.first_body + coupling.first, drive.first_body + coupling.second

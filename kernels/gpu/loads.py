@@ -1,4 +1,4 @@
-"""Moments on single bodies of a block: of loads, arms' springs, motors."""
+"""Moments on single bodies of a block: of loads and arms' springs."""
 
 from dataclasses import dataclass
 from functools import cache
@@ -7,8 +7,7 @@ from typing import Any
 import warp as wp
 
 from ..physics.body import arm_own_moment, plain_body, pose_heading
-from ..physics.motion import free_load_moment, load_table_argument, table_value
-from ..physics.train import motor_moment
+from ..physics.motion import load_moment
 from .block_kinds import BlockKind
 from .block_structs import ThreadParts
 from .body_states import body_state_functions
@@ -27,13 +26,12 @@ class LoadFunctions:
 
     body_load: wp.Function
     find_load_ahead: wp.Function
-    body_motor_moment: wp.Function
 
 
 @cache
 def load_functions(kind: BlockKind) -> LoadFunctions:
     """Load functions of block kernels."""
-    Real, sprockets, rotors = kind.Real, kind.parts.sprockets, kind.parts.rotors
+    Real = kind.Real
     kinds, Now = kind.types, kind.types.Now
     Ensemble, Shared, Pose = kinds.Ensemble, kinds.Shared, kinds.Pose
     prescribed_motion, body_states = prescribed_motion_functions(kind), body_state_functions(kind)
@@ -42,12 +40,9 @@ def load_functions(kind: BlockKind) -> LoadFunctions:
     def body_load(ensemble: Ensemble, shared: Shared, mine: ThreadParts, rounded: Real, time: Any, pose: Pose):
         """Moment [N m] on the thread's body of its load, or of an arm's springs and weight; 0 where prescribed."""
         motion = shared.motions[mine.body]
-        tabulated = Real(0.0)
-        if wp.static(kind.parts.tabulated):
-            if motion.load_table.cells > 0:
-                x = load_table_argument(time, pose.angle, motion)
-                tabulated = table_value(x, motion.load_table, ensemble.tables)
-        load = free_load_moment(rounded, tabulated, pose.angle, pose.speed, motion, ensemble)
+        if wp.static(not kind.parts.tabulated):
+            motion.load_table.cells = 0  # so that the compiler knows
+        load = load_moment(time, rounded, pose.angle, pose.speed, motion, ensemble)
         if wp.static(kind.parts.arms):
             if mine.arm >= 0:
                 arm = ensemble.arms[ensemble.drives[mine.variant].first_arm + mine.arm]
@@ -55,7 +50,7 @@ def load_functions(kind: BlockKind) -> LoadFunctions:
                 if wp.static(kind.parts.jointed):
                     if ensemble.drives[mine.drive_row].jointed != 0:
                         load = pose.load  # as `carried_arms.couple_accelerations` has found it
-        return wp.where(motion.prescribed == 1, Real(0.0), load)
+        return load
 
     @wp.func
     def find_load_ahead(ensemble: Ensemble, shared: Shared, mine: ThreadParts, now: Now):
@@ -65,15 +60,4 @@ def load_functions(kind: BlockKind) -> LoadFunctions:
             rounded, time = prescribed_motion.rounded_step_time(mine, now), prescribed_motion.step_time(mine, now)
             shared.poses[mine.body].load = body_load(ensemble, shared, mine, rounded, time, pose)
 
-    @wp.func
-    def body_motor_moment(ensemble: Ensemble, shared: Shared, mine: ThreadParts, time: Any):
-        """Moment [N m] of the motor on the thread's body."""
-        moment = Real(0.0)
-        if mine.body >= sprockets and mine.body < rotors:
-            drive = ensemble.drives[mine.drive_row]
-            at = drive.first_shaft + mine.body_number - drive.sprockets
-            pose, motion = shared.poses[mine.body], shared.motions[mine.body]
-            moment = motor_moment(time, pose.angle, pose.speed, ensemble.motors[at], motion, ensemble.tables)
-        return moment
-
-    return LoadFunctions(body_load=body_load, find_load_ahead=find_load_ahead, body_motor_moment=body_motor_moment)
+    return LoadFunctions(body_load=body_load, find_load_ahead=find_load_ahead)

@@ -6,6 +6,7 @@ from typing import Any
 
 import warp as wp
 
+from ..bodies.loads import body_motor_moment
 from ..number import leading_value
 from ..physics.motion import load_moment_at_speed
 from ..physics.train import coupling_energy, coupling_loss, coupling_moment, coupling_twist, is_on_gear_side
@@ -17,7 +18,6 @@ from .chains import chain_functions
 from .couplings import coupling_functions
 from .events import ENDS, FRAME, START
 from .frame_output import frame_output_functions
-from .loads import load_functions
 from .prescribed_motion import prescribed_motion_functions
 from .train_moments import train_moment_functions
 from .valves import valve_functions
@@ -37,7 +37,7 @@ def train_sum_functions(kind: BlockKind, frame: Any) -> TrainSumFunctions:
     kinds, Now, Out = kind.types, kind.types.Now, kind.types.Out
     Ensemble, State, Shared = kinds.Ensemble, kinds.State, kinds.Shared
     chains, couplings = chain_functions(kind), coupling_functions(kind)
-    loads, prescribed_motion = load_functions(kind), prescribed_motion_functions(kind)
+    prescribed_motion = prescribed_motion_functions(kind)
     train_moments, valves = train_moment_functions(kind), valve_functions(kind, frame)
     frame_output = frame_output_functions(kind, frame)
 
@@ -50,7 +50,7 @@ def train_sum_functions(kind: BlockKind, frame: Any) -> TrainSumFunctions:
         speed, angular = train_moments.speed_and_acceleration_now(ensemble, shared, mine, now, mine.body)
         before, motion = leading_value(pose.speed), shared.motions[mine.body]
         load = load_moment_at_speed(prescribed_motion.rounded_step_time(mine, now), pose.load, before, speed, motion)
-        motor = loads.body_motor_moment(ensemble, shared, mine, time)
+        motor = body_motor_moment(time, ensemble, drive, mine.body_number, pose, motion)
         out.sums.shaft[at] = add_shaft(out.sums.shaft[at], speed, motor, load, now.weight)
 
     @wp.func

@@ -6,6 +6,7 @@ from typing import Any
 
 import warp as wp
 
+from ..bodies.loads import body_motor_moment
 from ..integrate import stage_at
 from ..number import leading_value
 from ..physics.train import coupling_moment, coupling_twist
@@ -31,6 +32,7 @@ class TrainFunctions:
 def train_functions(kind: BlockKind, frame: Any) -> TrainFunctions:
     """Train functions of block kernels, and frames of layout `frame`."""
     kinds, Now, Out = kind.types, kind.types.Now, kind.types.Out
+    sprockets, rotors = kind.parts.sprockets, kind.parts.rotors
     Ensemble, State, Shared, Wrench = kinds.Ensemble, kinds.State, kinds.Shared, kinds.Wrench
     loads, prescribed_motion = load_functions(kind), prescribed_motion_functions(kind)
     couplings, train_sums = coupling_functions(kind), train_sum_functions(kind, frame)
@@ -47,10 +49,13 @@ def train_functions(kind: BlockKind, frame: Any) -> TrainFunctions:
         pose = shared.poses[mine.body]
         load = loads.body_load(ensemble, shared, mine, leading_value(time), time, pose)
         shared.poses[mine.body].load = load
-        moment = wrench.moment + load + loads.body_motor_moment(ensemble, shared, mine, time)
+        drive = ensemble.drives[mine.drive_row]
+        moment = wrench.moment + load
+        if mine.body >= sprockets and mine.body < rotors:
+            motion = shared.motions[mine.body]
+            moment = moment + body_motor_moment(time, ensemble, drive, mine.body_number, pose, motion)
         if wp.static(kind.parts.hubs):
             moment = moment + wrench.bearing
-        drive = ensemble.drives[mine.drive_row]
         for c in range(drive.first_coupling, drive.first_coupling + couplings.coupling_count(drive)):
             coupling, one, other = couplings.coupling_and_bodies(ensemble, shared, mine, c)
             if one == mine.body or other == mine.body:

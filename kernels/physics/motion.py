@@ -204,26 +204,18 @@ def load_table_argument(time: Any, angle: Any, motion: Any):
 
 
 @wp.func
-def free_load_moment(time: Any, tabulated: Any, angle: Any, speed: Any, motion: Any, ensemble: Any):
-    """Load moment [N m], counter-clockwise, of a body free to turn; `tabulated`: its table's part of T0 [N m]."""
+def load_moment(time: Any, rounded: Any, angle: Any, speed: Any, motion: Any, ensemble: Any):
+    """Load moment [N m], counter-clockwise, of a body at `time` [s], also `rounded`; 0 with a prescribed angle."""
+    tabulated = type(motion.inverse_inertia)(0.0)
+    if motion.load_table.cells > 0:
+        tabulated = table_value(load_table_argument(time, angle, motion), motion.load_table, ensemble.tables)
     torque = motion.load[0] + tabulated
     rows = motion.load_harmonics
     for j in range(rows.first, rows.first + rows.count):
         harmonic = ensemble.harmonics[j]
         torque = torque + harmonic[1] * cosine_of(harmonic[0] * forward_angle(angle, motion) + harmonic[2])
-    return resisting_moment(torque, leading_value(speed), motion.sign, motion.load) * ramp(time, motion.load_ramp_time)
-
-
-@wp.func
-def load_moment(time: Any, angle: Any, speed: Any, motion: Any, ensemble: Any):
-    """Load moment [N m], counter-clockwise, of a body; 0 with a prescribed angle."""
-    load = type(motion.inverse_inertia)(0.0)
-    if motion.prescribed == 0:
-        tabulated = type(load)(0.0)
-        if motion.load_table.cells > 0:
-            tabulated = table_value(load_table_argument(time, angle, motion), motion.load_table, ensemble.tables)
-        load = free_load_moment(leading_value(time), tabulated, angle, speed, motion, ensemble)
-    return load
+    load = resisting_moment(torque, leading_value(speed), motion.sign, motion.load)
+    return wp.where(motion.prescribed == 1, type(load)(0.0), load * ramp(rounded, motion.load_ramp_time))
 
 
 @wp.func

@@ -346,9 +346,11 @@ def led(
     angle_found, speed_found = prescribed_rotation(exact_multiple(i * every, pair_from_float64(h)), ours[0], rows)
     out[i, 0] = float64_from_pair(angle_found) - angle
     out[i, 1] = wp.float64(speed_found) - speed
-    load = load_moment(time, angle, speed, motions[1], curves)
+    load = load_moment(time, time, angle, speed, motions[1], curves)
+    time_found = exact_multiple(i * every, pair_from_float64(h))
     found = load_moment(
-        exact_multiple(i * every, pair_from_float64(h)),
+        time_found,
+        leading_value(time_found),
         pair_from_float64(angle),
         pair_from_float64(speed),
         ours[1],
