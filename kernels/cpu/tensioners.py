@@ -4,21 +4,17 @@ from typing import Any
 
 import warp as wp
 
+from ..bodies.tensioners import advance_tensioner_at, find_supply
 from ..physics.body import pose_of
-from ..physics.tensioner import advance_tensioner, extension_and_rate, supply_pressure
+from ..physics.tensioner import extension_and_rate
 from ..structs import Drive
-from ..sums import add_flows
 
 
 @wp.func
 def find_supplies(ensemble: Any, state: Any, drive: Drive, time: wp.float64):
     """Sets tabulated supply pressures of tensioners at a step's start, on the CPU."""
     for t in range(drive.first_tensioner, drive.first_tensioner + drive.tensioners):
-        tensioner = ensemble.tensioners[t]
-        if tensioner.supply_table.cells > 0:
-            pump = drive.first_body + tensioner.pump
-            forward = ensemble.motions[pump].sign * state.poses[pump].speed
-            state.tensioners[t].supply = supply_pressure(time, forward, tensioner, ensemble.tables)
+        find_supply(time, ensemble, state, drive, t, state.poses, drive.first_body + ensemble.tensioners[t].pump)
 
 
 @wp.func
@@ -27,8 +23,4 @@ def advance_tensioners(ensemble: Any, state: Any, drive: Drive):
     for t in range(drive.first_tensioner, drive.first_tensioner + drive.tensioners):
         tensioner = ensemble.tensioners[t]
         x, rate = extension_and_rate(pose_of(state.bodies[drive.first_body + tensioner.body]), tensioner)
-        if tensioner.supply_table.cells > 0:
-            tensioner.supply = state.tensioners[t].supply
-        after, flows = advance_tensioner(x, rate, drive.step, True, state.tensioners[t], tensioner)
-        state.tensioners[t] = after
-        state.meters[t] = add_flows(state.meters[t], flows)
+        advance_tensioner_at(x, rate, drive.step, True, state, t, tensioner)

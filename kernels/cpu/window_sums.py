@@ -5,11 +5,11 @@ from functools import cache
 
 import warp as wp
 
-from ..physics.body import pose_of
-from ..physics.tensioner import extension_and_rate, plunger_losses, tensioner_energy
+from ..bodies.tensioners import tensioner_sums
+from ..physics.tensioner import tensioner_energy
 from ..physics.train import coupling_energy
 from ..structs import Drive, Now, Sums, types
-from ..sums import MERGE_EVERY, add_contact, add_energy, add_meter, add_tensioner, add_touches
+from ..sums import MERGE_EVERY, add_contact, add_energy, add_meter, add_touches
 from . import body_states, body_sums, couplings, train_sums
 from .chain_sums import chain_sum_functions
 from .joints import joint_functions
@@ -54,11 +54,9 @@ def window_sum_functions(Real: type, capacity: int) -> WindowSumFunctions:
     def add_tensioner_step(ensemble: Ensemble, state: State, sums: Sums, drive: Drive, t: int, now: Now):
         """Adds a step of tensioner `t` to the window's sums, flows at its ends, on the CPU."""
         tensioner = ensemble.tensioners[t]
-        push = state.pushes[t]
-        body = body_states.body_now(ensemble, state, drive.first_body + tensioner.body, now.time, now.lag)
-        x, rate = extension_and_rate(pose_of(body), tensioner)
-        power, suction = plunger_losses(push, rate, state.tensioners[t], tensioner)
-        added = add_tensioner(sums.tensioner[t], push, power, suction, now.weight)
+        b = drive.first_body + tensioner.body
+        seen = body_states.body_now(ensemble, state, b, now.time, now.lag)
+        added = tensioner_sums(sums.tensioner[t], state.poses[b], seen, state, t, tensioner, now.weight)
         starts, ends = now.step == drive.window_start, now.step == drive.window_end
         sums.tensioner[t] = add_meter(added, state.meters[t], starts, ends)
 

@@ -8,19 +8,10 @@ from functools import cache
 
 import warp as wp
 
+from ..bodies.tensioners import advance_tensioner_at, find_supply, tensioner_sums
 from ..integrate import stage_count
-from ..number import leading_value
-from ..physics.tensioner import (
-    advance_tensioner,
-    extension_and_rate,
-    extension_rate,
-    plunger_arm,
-    plunger_losses,
-    supply_pressure,
-    tensioner_energy,
-    tensioner_push,
-)
-from ..sums import add_energy, add_flows, add_meter, add_tensioner
+from ..physics.tensioner import extension_and_rate, tensioner_energy, tensioner_push
+from ..sums import add_energy, add_meter
 from .block_kinds import BlockKind
 from .block_structs import ThreadParts, thread_parts
 from .chains import chain_functions
@@ -98,12 +89,8 @@ def tensioner_functions(kind: BlockKind) -> TensionerFunctions:
             tensioner = tensioner_at(ensemble, t)
             if tensioner.body == mine.body_number:
                 push = state.pushes[t]
-                rate = extension_rate(
-                    leading_value(plunger_arm(before, tensioner)), seen.speed, seen.velocity, tensioner
-                )
-                power, suction = plunger_losses(push, rate, state.tensioners[t], tensioner)
                 sums = out.sums.tensioner[t]
-                out.sums.tensioner[t] = add_tensioner(sums, push, power, suction, now.weight)
+                out.sums.tensioner[t] = tensioner_sums(sums, before, seen, state, t, tensioner, now.weight)
                 if now.flags & ENDS != 0:
                     start, end = now.flags & START != 0, now.flags & END != 0
                     out.sums.tensioner[t] = add_meter(out.sums.tensioner[t], state.meters[t], start, end)
@@ -117,27 +104,10 @@ def tensioner_functions(kind: BlockKind) -> TensionerFunctions:
         drive = ensemble.drives[mine.drive_row]
         for t in range(drive.first_tensioner, drive.first_tensioner + chains.tensioner_count(drive)):
             tensioner = ensemble.tensioners[t]
-            if tensioner.body == mine.body_number and tensioner.supply_table.cells > 0:
-                pump = chains.body_on_block(
-                    ensemble, shared, mine.drive_row, mine.drive_row - mine.variant, tensioner.pump
-                )
-                forward = ensemble.motions[drive.first_body + tensioner.pump].sign * leading_value(
-                    shared.poses[pump].speed
-                )
-                state.tensioners[t].supply = supply_pressure(time, forward, tensioner, ensemble.tables)
-
-    @wp.func
-    def advance_oil(
-        ensemble: Ensemble, state: State, t: int, x: kinds.Number, rate: kinds.Real, h: kinds.Real, metered: bool
-    ):
-        """Advances the oil of a block's tensioner t of all by `h` [s], its plunger then at `x` [m] at `rate` [m/s]."""
-        tensioner = tensioner_at(ensemble, t)
-        if wp.static(kind.parts.hydraulic):
-            if tensioner.supply_table.cells > 0:
-                tensioner.supply = state.tensioners[t].supply
-        after, flows = advance_tensioner(x, rate, h, metered, state.tensioners[t], tensioner)
-        state.tensioners[t] = after
-        state.meters[t] = add_flows(state.meters[t], flows)
+            if tensioner.body == mine.body_number:
+                chain = mine.drive_row - mine.variant
+                pump = chains.body_on_block(ensemble, shared, mine.drive_row, chain, tensioner.pump)
+                find_supply(time, ensemble, state, drive, t, shared.poses, pump)
 
     @wp.func
     def advance_tensioners(ensemble: Ensemble, state: State, shared: Shared, mine: ThreadParts, now: Now):
@@ -153,7 +123,9 @@ def tensioner_functions(kind: BlockKind) -> TensionerFunctions:
                         k = t - ensemble.drives[mine.variant].first_tensioner
                         oil_warp.request_oil_step(shared, k, x, rate, metered)
                     else:
-                        advance_oil(ensemble, state, t, x, rate, rollers.time_step(mine), metered)
+                        advance_tensioner_at(
+                            x, rate, rollers.time_step(mine), metered, state, t, tensioner_at(ensemble, t)
+                        )
 
     @wp.func
     def await_oil(shared: Shared):
@@ -179,7 +151,8 @@ def tensioner_functions(kind: BlockKind) -> TensionerFunctions:
             if asked != DONE:
                 stroke = shared.strokes[k]
                 t = ensemble.drives[variant].first_tensioner + k
-                advance_oil(ensemble, state, t, stroke.x, stroke.rate, rollers.time_step(mine), asked == METERED)
+                h, tensioner = rollers.time_step(mine), tensioner_at(ensemble, t)
+                advance_tensioner_at(stroke.x, stroke.rate, h, asked == METERED, state, t, tensioner)
                 oil_warp.set_request(shared.strokes, k, DONE)
             asked = oil_warp.request_of(shared.strokes, k)
 
