@@ -1,4 +1,4 @@
-"""Tensioners on the CPU and blocks alike: supplies and oil of a step, sums over the window (`physics.tensioner`)."""
+"""Tensioners on the CPU and blocks alike: supplies, oil, sums over the window (`physics.tensioner`)."""
 
 from typing import Any
 
@@ -31,7 +31,7 @@ def advance_tensioner_at(x: Any, rate: Any, h: Any, metered: bool, state: Any, t
 
 @wp.func
 def tensioner_sums(sums: Any, before: Any, seen: Any, state: Any, t: int, tensioner: Any, weight: Any):
-    """Window's sums of tensioner `t` of all with a step added, its body at pose `before` with rates of `seen`."""
+    """Window's sums of tensioner `t` of all with a step added, its body at `before` with rates of `seen`."""
     push, arm = state.pushes[t], leading_value(plunger_arm(before, tensioner))
     rate = extension_rate(arm, seen.speed, seen.velocity, tensioner)
     power, suction = plunger_losses(push, rate, state.tensioners[t], tensioner)

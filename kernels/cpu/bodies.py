@@ -58,7 +58,7 @@ def find_accelerations(ensemble: Any, state: Any, drive: Drive, stage: int, time
 
 @wp.func
 def take_leapfrog_step(ensemble: Any, state: Any, drive: Drive, time: wp.float64, kick: wp.float64):
-    """Moves all bodies and tensioners on the CPU by a leapfrog step from `time` [s]."""
+    """Moves all bodies and tensioners by a leapfrog step from `time` [s]."""
     tensioners.find_supplies(ensemble, state, drive, time)
     for b in range(drive.first_body, drive.first_body + drive.bodies):
         motion, mount, rates, body = ensemble.motions[b], ensemble.mounts[b], state.rates[b], state.bodies[b]
@@ -74,7 +74,7 @@ def take_leapfrog_step(ensemble: Any, state: Any, drive: Drive, time: wp.float64
 
 @wp.func
 def take_stage(ensemble: Any, state: Any, drive: Drive, at: Stage):
-    """Moves all bodies on the CPU by a Runge-Kutta stage, tensioners at the step's end."""
+    """Moves all bodies by a Runge-Kutta stage, tensioners at the step's end."""
     if at.number == 0:
         tensioners.find_supplies(ensemble, state, drive, at.time)
     for b in range(drive.first_body, drive.first_body + drive.bodies):

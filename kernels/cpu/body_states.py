@@ -24,7 +24,7 @@ def leapfrog_interval(drive: Drive, time: wp.float64):
 
 @wp.func
 def body_now(ensemble: Any, state: Any, b: int, time: wp.float64, lag: wp.float64):
-    """State of body `b` of all on the CPU with rates at `time` [s], `lag` after their instant.
+    """State of body `b` of all with rates at `time` [s], `lag` after their instant.
 
     Needs accelerations.
     """

@@ -51,7 +51,7 @@ def body_energy_now(ensemble: Any, state: Any, drive: Drive, b: int, now: Now):
 
 @wp.func
 def add_sprocket_step(ensemble: Any, state: Any, sums: Sums, drive: Drive, s: int, now: Now):
-    """Adds a step of sprocket `s` of a drive and its mount to the window's sums, on the CPU."""
+    """Adds a step of sprocket `s` of a drive and its mount to the window's sums."""
     i = drive.first_sprocket + s
     b = drive.first_body + s
     motion = ensemble.motions[b]
@@ -77,7 +77,7 @@ def add_sprocket_step(ensemble: Any, state: Any, sums: Sums, drive: Drive, s: in
 
 @wp.func
 def add_arm_step(ensemble: Any, state: Any, sums: Sums, drive: Drive, a: int, now: Now):
-    """Adds a step of arm `a` of a drive to the window's sums, on the CPU."""
+    """Adds a step of arm `a` of a drive to the window's sums."""
     b = drive.first_body + drive.bodies - drive.arms + a
     i = drive.first_arm + a
     body = body_states.body_now(ensemble, state, b, now.time, now.lag)

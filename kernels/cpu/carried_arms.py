@@ -15,7 +15,7 @@ from . import body_states
 
 @wp.func
 def carrier_body(drive: Drive, on: int):
-    """Body on the CPU, among all, that is arm `on` of the drive, counted from 1; -1 for 0."""
+    """Body, among all, that is arm `on` of the drive, counted from 1; -1 for 0."""
     return wp.where(on > 0, drive.first_body + drive.bodies - drive.arms + on - 1, -1)
 
 
@@ -30,7 +30,7 @@ def carried_energy(body: BodyState, carrier: BodyState, arm: Arm):
 def wrench_with_pivot_forces(
     ensemble: Any, state: Any, drive: Drive, a: int, wrench: Wrench, rates: wp.vec3d, now: Now
 ):
-    """Wrench on arm `a` of a drive on the CPU with carried arms' pivot forces, and its accelerations."""
+    """Wrench on arm `a` of a drive with carried arms' pivot forces, and its accelerations."""
     for k in range(drive.arms):
         arm = ensemble.arms[drive.first_arm + k]
         if arm.on == a + 1:
@@ -44,7 +44,7 @@ def wrench_with_pivot_forces(
 
 @wp.func
 def couple_accelerations(ensemble: Any, state: Any, drive: Drive, a: int, lag: wp.float64):
-    """Sets the coupled accelerations, (b), of arm `a` of a drive and of arms on it, on the CPU."""
+    """Sets the coupled accelerations, (b), of arm `a` of a drive and of arms on it."""
     arms, motions, poses = ensemble.arms, ensemble.motions, state.poses
     first = drive.first_body + drive.bodies - drive.arms
     rates = state.rates[first + a]

@@ -13,7 +13,7 @@ from .carried_arms import carrier_body
 
 @wp.func
 def add_hub_reactions(ensemble: Any, state: Any, drive: Drive, stage: int, stretch_part: wp.float64):
-    """Adds forces on carried bodies to arms' wrenches, and bearings' moments to arms' and sprockets'."""
+    """Adds carried bodies' forces to arms' wrenches, and bearings' moments to arms' and sprockets'."""
     for s in range(drive.sprockets):
         hub = ensemble.hubs[drive.first_sprocket + s]
         b = drive.first_body + s

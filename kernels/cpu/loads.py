@@ -13,7 +13,7 @@ from .body_states import arm_of
 
 @wp.func
 def body_wrench(ensemble: Any, state: Any, drive: Drive, b: int):
-    """Wrench of contacts and tensioners on body `b` of all, on the CPU."""
+    """Wrench of contacts and tensioners on body `b` of all."""
     wrench = state.wrenches[b]
     for t in range(drive.first_tensioner, drive.first_tensioner + drive.tensioners):
         if drive.first_body + ensemble.tensioners[t].body == b:
@@ -23,7 +23,7 @@ def body_wrench(ensemble: Any, state: Any, drive: Drive, b: int):
 
 @wp.func
 def body_load(ensemble: Any, state: Any, drive: Drive, body: BodyState, b: int, time: wp.float64):
-    """Load moment [N m] on body `b` of all on the CPU; an arm's by springs and weight."""
+    """Load moment [N m] on body `b` of all; an arm's by springs and weight."""
     load = load_moment(time, time, body.angle, body.speed, ensemble.motions[b], ensemble)
     arm = arm_of(drive, b)
     if arm >= 0:

@@ -14,7 +14,7 @@ from .body_states import leapfrog_interval
 
 @wp.func
 def body_count(ensemble: Any, first: int, chains: int):
-    """Number of bodies of a variant whose chains begin at row `first`, for shared shafts."""
+    """Number of bodies of a variant whose chains begin at row `first`."""
     last = ensemble.drives[first + chains - 1]
     return last.first_body + last.bodies - ensemble.drives[first].first_body
 
@@ -43,7 +43,7 @@ def add_train_acceleration(ensemble: Any, state: Any, begin: int, count: int, b:
 
 @wp.func
 def join_shafts(ensemble: Any, state: Any, begin: int, count: int, kick: wp.float64, lifting: bool):
-    """Gives bodies of each shared shaft, `count` from `begin` on, the sum of their angular accelerations."""
+    """Gives bodies of each shared shaft, among `count` from `begin` on, their accelerations' sum."""
     for b in range(begin, begin + count):
         if ensemble.motions[b].shaft_offset != 0:
             add_train_acceleration(ensemble, state, begin, count, b, kick, lifting)
@@ -56,7 +56,7 @@ def join_shafts(ensemble: Any, state: Any, begin: int, count: int, kick: wp.floa
 
 @wp.func
 def join_shafts_of_variant(ensemble: Any, state: Any, variant: int, chains: int, time: wp.float64):
-    """Gives bodies of a variant's shared shafts the sum of their angular accelerations, at `time` [s]."""
+    """Gives bodies of a variant's shared shafts their accelerations' sum, at `time` [s]."""
     drive, last = ensemble.drives[variant], ensemble.drives[variant + chains - 1]
     lifting = last.first_valve + last.valves > drive.first_valve
     join_shafts(

@@ -12,14 +12,14 @@ from ..structs import Drive
 
 @wp.func
 def find_supplies(ensemble: Any, state: Any, drive: Drive, time: wp.float64):
-    """Sets tabulated supply pressures of tensioners at a step's start, on the CPU."""
+    """Sets tabulated supply pressures of tensioners at a step's start."""
     for t in range(drive.first_tensioner, drive.first_tensioner + drive.tensioners):
         find_supply(time, ensemble, state, drive, t, state.poses, drive.first_body + ensemble.tensioners[t].pump)
 
 
 @wp.func
 def advance_tensioners(ensemble: Any, state: Any, drive: Drive):
-    """Advances tensioners on the CPU by a step after bodies, and adds flows to meters."""
+    """Advances tensioners by a step after bodies, and adds flows to meters."""
     for t in range(drive.first_tensioner, drive.first_tensioner + drive.tensioners):
         tensioner = ensemble.tensioners[t]
         x, rate = extension_and_rate(pose_of(state.bodies[drive.first_body + tensioner.body]), tensioner)

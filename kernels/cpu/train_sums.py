@@ -1,4 +1,4 @@
-"""Sums over the window of shafts, couplings, gears and valves of one variant on the CPU."""
+"""Sums over the window of one variant's trains and valves on the CPU."""
 
 from typing import Any
 
@@ -14,7 +14,7 @@ from . import body_states, couplings, valves
 
 @wp.func
 def add_shaft_step(ensemble: Any, state: Any, sums: Sums, drive: Drive, h: int, now: Now):
-    """Adds a step of shaft h of the drive to the window's sums, on the CPU."""
+    """Adds a step of shaft h of the drive to the window's sums."""
     b, i = drive.first_body + drive.sprockets + h, drive.first_shaft + h
     body = body_states.body_now(ensemble, state, b, now.time, now.lag)
     before, motion = state.bodies[b], ensemble.motions[b]
@@ -25,7 +25,7 @@ def add_shaft_step(ensemble: Any, state: Any, sums: Sums, drive: Drive, h: int, 
 
 @wp.func
 def add_coupling_step(ensemble: Any, state: Any, sums: Sums, drive: Drive, c: int, now: Now):
-    """Adds a step of coupling c of all to the window's sums, on the CPU."""
+    """Adds a step of coupling c of all to the window's sums."""
     coupling, engaged = ensemble.couplings[c], state.couplings[c]
     twist, rate, moment = couplings.twist_and_moment_now(ensemble, state, drive, c, now.time, now.lag)
     led = wp.float64(0.0)
@@ -42,7 +42,7 @@ def add_coupling_step(ensemble: Any, state: Any, sums: Sums, drive: Drive, c: in
 
 @wp.func
 def add_gear_step(ensemble: Any, state: Any, sums: Sums, drive: Drive, g: int, now: Now):
-    """Adds a step of gear pair g of all to the window's sums, on the CPU."""
+    """Adds a step of gear pair g of all to the window's sums."""
     gear = ensemble.gears[g]
     at = drive.first_body + gear.body
     mine = ensemble.motions[at]
@@ -62,14 +62,14 @@ def add_gear_step(ensemble: Any, state: Any, sums: Sums, drive: Drive, g: int, n
 
 @wp.func
 def add_valve_step(ensemble: Any, state: Any, sums: Sums, drive: Drive, v: int, now: Now):
-    """Adds a step of valve group v of all to the window's sums, on the CPU."""
+    """Adds a step of valve group v of all to the window's sums."""
     torque, force = valves.valve_load_now(ensemble, state, drive, v, now.time, now.lag)
     sums.valve[v] = add_valve(sums.valve[v], torque, force, now.weight)
 
 
 @wp.func
 def add_train_step(ensemble: Any, state: Any, sums: Sums, drive: Drive, now: Now):
-    """Adds a step of shafts, couplings, gears and valves to the window's sums, on the CPU."""
+    """Adds a step of shafts, couplings, gears and valves to the window's sums."""
     for h in range(drive.shafts):
         add_shaft_step(ensemble, state, sums, drive, h, now)
     for c in range(drive.first_coupling, drive.first_coupling + drive.couplings):

@@ -11,7 +11,7 @@ from . import couplings, loads, valves
 
 @wp.func
 def find_train_moments(ensemble: Any, state: Any, drive: Drive, stage: int, time: wp.float64):
-    """Sets `state.train_moments` on the CPU: moments on all bodies but arms, with those of motors and couplings."""
+    """Sets `state.train_moments`: moments on all bodies but arms, with those of motors and couplings."""
     if stage == 0:
         couplings.update_couplings(ensemble, state, drive, time)
     for b in range(drive.first_body, drive.first_body + drive.sprockets + drive.shafts):

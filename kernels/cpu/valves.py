@@ -24,7 +24,7 @@ def find_valve_loads(ensemble: Any, state: Any, drive: Drive):
 
 @wp.func
 def valve_load_now(ensemble: Any, state: Any, drive: Drive, v: int, time: wp.float64, lag: wp.float64):
-    """Torque [N m] of valve group `v` of all against rotation, and least follower force [N], on the CPU."""
+    """Torque [N m] of valve group `v` of all against rotation, and least follower force [N]."""
     valve = ensemble.valves[v]
     b = drive.first_body + valve.body
     body, angular = (

@@ -70,7 +70,7 @@ def body_functions(kind: BlockKind) -> BodyFunctions:
 
     @wp.func
     def displacement(pose: Pose, mount: kinds.Mount):
-        """Displacement [m] of a block's body from its home; 0 in kernels whose bodies do not move."""
+        """Displacement [m] of a block's body from its home; 0 in kernels without moving bodies."""
         if wp.static(kind.moving):
             return displacement_from_home(pose.center, mount)
         else:
@@ -87,7 +87,7 @@ def body_functions(kind: BlockKind) -> BodyFunctions:
 
     @wp.func
     def rates_beside_arms(shared: Shared, mine: ThreadParts, rates: of_three):
-        """Accelerations of the thread's body; of an arm, coupled with the arms beside it (`carried_arms`)."""
+        """Accelerations of the thread's body, an arm's coupled with others' (`carried_arms`)."""
         if wp.static(kind.parts.jointed):
             if mine.arm >= 0:
                 rates[2] = shared.carried_arms[mine.arm].acceleration

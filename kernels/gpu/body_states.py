@@ -76,7 +76,7 @@ def body_state_functions(kind: BlockKind) -> BodyStateFunctions:
 
     @wp.func
     def share_hub(ensemble: Ensemble, shared: Shared, variant: int, row: int, b: int):
-        """Shares the hub of body b of a chain in a row of the drives, if that is a sprocket."""
+        """Shares the hub of body b of a chain, if that is a sprocket."""
         if wp.static(kind.parts.hubs):
             if b < sprockets:
                 hub = ensemble.hubs[ensemble.drives[variant].first_sprocket + b]
@@ -85,7 +85,7 @@ def body_state_functions(kind: BlockKind) -> BodyStateFunctions:
 
     @wp.func
     def place_carried_sprocket(shared: Shared, b: int):
-        """Moves a block's body b with the arm that carries it, if any; after a barrier."""
+        """Moves a block's body b with its carrier, if any; after a barrier."""
         if wp.static(kind.parts.hubs):
             if b >= 0 and b < sprockets:
                 hub = shared.hubs[b]
@@ -139,7 +139,7 @@ def body_state_functions(kind: BlockKind) -> BodyStateFunctions:
 
     @wp.func
     def has_body_left(shared: Shared, mine: ThreadParts):
-        """1 where the thread's body has no finite rotation, or its center has left the drive's box, else 0."""
+        """1 where the thread's body has no finite rotation or has left the drive's box, else 0."""
         pose, box = shared.poses[mine.body], 2 * (mine.drive_row - mine.variant)
         gone = int(not has_finite_rotation(pose.angle, pose.speed))
         if wp.static(kind.moving):

@@ -1,4 +1,4 @@
-"""Sums over the window of the body of a block's thread, and its energy at the window's ends."""
+"""Sums over the window of the body of a block's thread, and its energy."""
 
 from dataclasses import dataclass
 from functools import cache
@@ -99,7 +99,7 @@ def body_sum_functions(kind: BlockKind) -> BodySumFunctions:
         acting: of_three,
         whole: Wrench,
     ):
-        """Adds a step of the thread's sprocket to the sums of the window.
+        """Adds a step of the thread's sprocket to the window's sums.
 
         Args:
             before: pose before the step.
@@ -173,7 +173,7 @@ def body_sum_functions(kind: BlockKind) -> BodySumFunctions:
         moment: Real,
         powers: vec2,
     ):
-        """Adds a step of the thread's arm to the sums of the window.
+        """Adds a step of the thread's arm to the window's sums.
 
         `moment` is the chain's [N m]; `powers` [W] are the pivot's and `late_power_on_body`.
         """

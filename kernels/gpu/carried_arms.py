@@ -37,7 +37,7 @@ from .sync import sync_functions
 
 @wp.func
 def first_arm_body(drive: Drive, mine: ThreadParts):
-    """Body of the first arm of the chain of a block's arm; the others come after it."""
+    """Body of the first arm of the chain of a block's arm."""
     return mine.body - (mine.body_number - (drive.bodies - drive.arms))
 
 
@@ -167,7 +167,7 @@ def carried_arm_functions(kind: BlockKind) -> CarriedArmFunctions:
 
     @wp.func
     def couple_accelerations(ensemble: Ensemble, shared: Shared, mine: ThreadParts, now: Now, wrench: Wrench):
-        """Shares load and coupled acceleration of the thread's arm; all threads together, before any body moves."""
+        """Shares load and coupled acceleration of the thread's arm; all threads together."""
         time, lag = prescribed_motion.step_time(mine, now), Real(0.0)
         if wp.static(kind.has_stages):
             time = stage_at(wp.static(kind.integrator), now.stage, time, prescribed_motion.exact_time_step(mine)).time

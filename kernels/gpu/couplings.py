@@ -38,14 +38,14 @@ def coupling_functions(kind: BlockKind) -> CouplingFunctions:
 
     @wp.func
     def coupling_and_bodies(ensemble: Ensemble, shared: Shared, mine: ThreadParts, c: int):
-        """Coupling c of all, of the chain of the thread's body, and its two bodies on the block, or the ground."""
+        """Coupling c of all, of the thread's chain, and its two bodies on the block."""
         coupling, row, chain = ensemble.couplings[c], mine.drive_row, mine.drive_row - mine.variant
         first = chains.body_on_block(ensemble, shared, row, chain, coupling.first)
         return coupling, first, chains.body_on_block(ensemble, shared, row, chain, coupling.second)
 
     @wp.func
     def coupling_state_now(ensemble: Ensemble, state: State, shared: Shared, mine: ThreadParts, c: int, time: Any):
-        """State of a block's coupling c of all at the step's start, from both bodies before they move."""
+        """State of a block's coupling c of all at the step's start."""
         coupling, one, other = coupling_and_bodies(ensemble, shared, mine, c)
         first, second = shared.poses[wp.max(one, 0)], shared.poses[other]
         return coupling_state(time, first, second, state.couplings[c], coupling, ensemble.tables)

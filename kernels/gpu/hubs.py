@@ -69,7 +69,7 @@ def hub_functions(kind: BlockKind) -> HubFunctions:
 
     @wp.func
     def end_hub_step(shared: Shared, mine: ThreadParts, now: Now):
-        """Adds the loss of the bearing of the thread's sprocket, and moves that sprocket with its arm.
+        """Adds the loss of the thread's sprocket's bearing, and moves that sprocket with its arm.
 
         All threads together, once all bodies have moved.
         """

@@ -38,7 +38,7 @@ def load_functions(kind: BlockKind) -> LoadFunctions:
 
     @wp.func
     def body_load(ensemble: Ensemble, shared: Shared, mine: ThreadParts, rounded: Real, time: Any, pose: Pose):
-        """Moment [N m] on the thread's body of its load, or of an arm's springs and weight; 0 where prescribed."""
+        """Load moment [N m] on the thread's body; an arm's by springs and weight."""
         motion = shared.motions[mine.body]
         if wp.static(not kind.parts.tabulated):
             motion.load_table.cells = 0  # so that the compiler knows
@@ -54,7 +54,7 @@ def load_functions(kind: BlockKind) -> LoadFunctions:
 
     @wp.func
     def find_load_ahead(ensemble: Ensemble, shared: Shared, mine: ThreadParts, now: Now):
-        """Stores the load on the thread's body, while other threads compute contacts."""
+        """Stores the load on the thread's body while others compute contacts."""
         if wp.static(finds_loads_ahead(kind)):
             pose = shared.poses[mine.body]
             rounded, time = prescribed_motion.rounded_step_time(mine, now), prescribed_motion.step_time(mine, now)

@@ -1,4 +1,4 @@
-"""Prescribed angles and speeds of a block's bodies, computed for some steps ahead, and the instants of steps."""
+"""Prescribed angles and speeds of a block's bodies, for some steps ahead, and instants of steps."""
 
 from dataclasses import dataclass
 from functools import cache

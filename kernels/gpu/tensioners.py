@@ -1,4 +1,4 @@
-"""Tensioners on blocks of threads: forces on the bodies that they push, and steps of their oil.
+"""Tensioners on blocks: forces on bodies that they push, and steps of their oil.
 
 Where many variants share a block, a warp of its own (`oil_warp`) advances the oil, a tensioner a thread.
 """
@@ -80,7 +80,7 @@ def tensioner_functions(kind: BlockKind) -> TensionerFunctions:
         before: Pose,
         seen: kinds.Instant,
     ):
-        """Adds a step of the tensioners of the thread's body to the sums of the window.
+        """Adds a step of the thread's tensioners to the window's sums.
 
         `before` is its pose before the step; `seen` has rates of the step's instant.
         """
@@ -100,7 +100,7 @@ def tensioner_functions(kind: BlockKind) -> TensionerFunctions:
 
     @wp.func
     def find_supplies(ensemble: Ensemble, state: State, shared: Shared, mine: ThreadParts, time: kinds.Number):
-        """Stores tabulated supply pressures of the thread's tensioners at a step's start [s], while no body moves."""
+        """Stores supply pressures of the thread's tensioners at a step's start, while no body moves."""
         drive = ensemble.drives[mine.drive_row]
         for t in range(drive.first_tensioner, drive.first_tensioner + chains.tensioner_count(drive)):
             tensioner = ensemble.tensioners[t]

@@ -43,7 +43,7 @@ def train_sum_functions(kind: BlockKind, frame: Any) -> TrainSumFunctions:
 
     @wp.func
     def add_shaft_step(ensemble: Ensemble, shared: Shared, out: Out, mine: ThreadParts, now: Now):
-        """Adds a step of the thread's shaft to the sums of the window."""
+        """Adds a step of the thread's shaft to the window's sums."""
         drive = ensemble.drives[mine.drive_row]
         at = drive.first_shaft + mine.body_number - drive.sprockets
         pose, time = shared.poses[mine.body], prescribed_motion.step_time(mine, now)
@@ -57,7 +57,7 @@ def train_sum_functions(kind: BlockKind, frame: Any) -> TrainSumFunctions:
     def add_coupling_step(
         ensemble: Ensemble, state: State, shared: Shared, out: Out, mine: ThreadParts, now: Now, c: int
     ):
-        """Adds a step of a coupling, whose second body is the thread's, to sums of the window and frame."""
+        """Adds a step of a coupling on the thread's body to the window's sums and frame."""
         drive, engaged = ensemble.drives[mine.drive_row], state.couplings[c]
         coupling, one, other = couplings.coupling_and_bodies(ensemble, shared, mine, c)
         twist, before = coupling_twist(shared.poses[wp.max(one, 0)], shared.poses[other], coupling, engaged)
@@ -85,7 +85,7 @@ def train_sum_functions(kind: BlockKind, frame: Any) -> TrainSumFunctions:
 
     @wp.func
     def add_gear_step(ensemble: Ensemble, shared: Shared, out: Out, mine: ThreadParts, now: Now, g: int):
-        """Adds a step of a pair of gears, whose second body is the thread's, to the sums of the window."""
+        """Adds a step of a gear pair on the thread's body to the window's sums."""
         drive, first = ensemble.drives[mine.drive_row], ensemble.drives[mine.variant].first_body
         gear = ensemble.gears[g]
         own = shared.motions[mine.body]
@@ -109,7 +109,7 @@ def train_sum_functions(kind: BlockKind, frame: Any) -> TrainSumFunctions:
 
     @wp.func
     def add_train_step(ensemble: Ensemble, state: State, shared: Shared, out: Out, mine: ThreadParts, now: Now):
-        """Adds a step of the thread's shaft, couplings and gears to the sums of the window; updates couplings."""
+        """Adds a step of the thread's shaft, couplings and gears to the window's sums; updates couplings."""
         drive = ensemble.drives[mine.drive_row]
         for c in range(drive.first_coupling, drive.first_coupling + couplings.coupling_count(drive)):
             if ensemble.couplings[c].second == mine.body_number:

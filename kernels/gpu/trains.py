@@ -1,4 +1,4 @@
-"""Trains on a block: moments of shafts, gears, couplings and motors, shared before any body moves."""
+"""Trains on a block: moments of shafts, gears, couplings and motors before bodies move."""
 
 from dataclasses import dataclass
 from functools import cache
@@ -42,7 +42,7 @@ def train_functions(kind: BlockKind, frame: Any) -> TrainFunctions:
     def share_train_moment(
         ensemble: Ensemble, state: State, shared: Shared, mine: ThreadParts, now: Now, wrench: Wrench
     ):
-        """Shares the moment on the thread's body of load, motor, couplings and `wrench`, which has tensioners'."""
+        """Shares the moment on the thread's body of load, motor, couplings and `wrench`."""
         time = prescribed_motion.step_time(mine, now)
         if wp.static(kind.has_stages):
             time = stage_at(wp.static(kind.integrator), now.stage, time, prescribed_motion.exact_time_step(mine)).time
@@ -73,7 +73,7 @@ def train_functions(kind: BlockKind, frame: Any) -> TrainFunctions:
     def find_train_moments(
         ensemble: Ensemble, state: State, out: Out, shared: Shared, mine: ThreadParts, now: Now, wrench: Wrench
     ):
-        """Shares the moments on a train's bodies, and observes trains; all threads together, before any body moves."""
+        """Shares the moments on a train's bodies, and observes trains; all threads together."""
         if mine.body >= 0:
             share_train_moment(ensemble, state, shared, mine, now, wrench)
         sync.barrier()

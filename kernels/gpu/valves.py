@@ -72,7 +72,7 @@ def valve_functions(kind: BlockKind, frame: Any) -> ValveFunctions:
 
     @wp.func
     def next_group_on_body(ensemble: Ensemble, drive: Drive, b: int, v: int):
-        """First group of a block's valves from `v` on that is on body b of a drive, or their end."""
+        """First group of a block's valves from `v` on that is on body b, or their end."""
         at = int(v)
         while at < drive.first_valve + drive.valves and ensemble.valves[at].body != b:
             at = at + 1
@@ -80,7 +80,7 @@ def valve_functions(kind: BlockKind, frame: Any) -> ValveFunctions:
 
     @wp.func
     def share_valve_cam(ensemble: Ensemble, shared: Shared, mine: ThreadParts):
-        """Shares inertia and moment of the valves on the thread's body, once all lifts are shared."""
+        """Shares inertia and moment of valves on the thread's body, after lifts."""
         cam, drive = kinds.Cam(), ensemble.drives[mine.drive_row]
         v = next_group_on_body(ensemble, drive, mine.body_number, drive.first_valve)
         while v < drive.first_valve + drive.valves:
@@ -103,7 +103,7 @@ def valve_functions(kind: BlockKind, frame: Any) -> ValveFunctions:
 
     @wp.func
     def add_valve_step(ensemble: Ensemble, state: State, shared: Shared, out: Out, mine: ThreadParts, now: Now):
-        """Adds a step of all valve groups on the thread's body to the sums of the window and the frame."""
+        """Adds a step of valve groups on the thread's body to the window's sums and frame."""
         drive = ensemble.drives[mine.drive_row]
         v = next_group_on_body(ensemble, drive, mine.body_number, drive.first_valve)
         while v < drive.first_valve + drive.valves:
