@@ -7,8 +7,7 @@ import warp as wp
 from ..bodies.carried_arms import coupled_acceleration, joint_terms
 from ..physics.body import arm_mass_moment, heading_of, pose_of, wrench_with_force
 from ..physics.guide import world_vector
-from ..physics.hub import carried_arm_acceleration, pivot_force
-from ..physics.hub import carried_arm_energy as energy_of
+from ..physics.hub import carried_arm_acceleration, carried_arm_energy, pivot_force
 from ..structs import Arm, BodyState, Drive, Now, Wrench
 from . import body_states
 
@@ -23,7 +22,7 @@ def carrier_body(drive: Drive, on: int):
 def carried_energy(body: BodyState, carrier: BodyState, arm: Arm):
     """Kinetic energy [J] of a carried arm by its pivot's motion."""
     lever = world_vector(arm.lever, pose_of(carrier))
-    return energy_of(body.speed, arm_mass_moment(heading_of(body), arm), lever, carrier)
+    return carried_arm_energy(body.speed, arm_mass_moment(heading_of(body), arm), lever, carrier)
 
 
 @wp.func

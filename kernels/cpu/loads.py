@@ -24,8 +24,7 @@ def body_wrench(ensemble: Any, state: Any, drive: Drive, b: int):
 @wp.func
 def body_load(ensemble: Any, state: Any, drive: Drive, body: BodyState, b: int, time: wp.float64):
     """Load moment [N m] on body `b` of all; an arm's by springs and weight."""
-    load = load_moment(time, time, body.angle, body.speed, ensemble.motions[b], ensemble)
-    arm = arm_of(drive, b)
+    load, motion, arm = wp.float64(0.0), ensemble.motions[b], arm_of(drive, b)
     if arm >= 0:
         load = arm_own_moment(body, heading_of(body), ensemble.arms[arm])
         if drive.jointed != 0:
@@ -33,4 +32,6 @@ def body_load(ensemble: Any, state: Any, drive: Drive, body: BodyState, b: int, 
             seen = spring_state(drive, ensemble.arms, state.bodies, first, a, body)
             load = arm_own_moment(seen, heading_of(body), ensemble.arms[arm])
             load = load + carried_spring_moment(drive, ensemble.arms, state.bodies, first, a)
+    elif motion.prescribed == 0:  # to ask for a load that is 0 takes 3 % of a step of two sprockets
+        load = load_moment(time, time, body.angle, body.speed, motion, ensemble)
     return load
