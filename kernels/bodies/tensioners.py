@@ -12,11 +12,10 @@ from ..sums import add_flows, add_tensioner
 
 @wp.func
 def find_supply(time: Any, ensemble: Any, state: Any, drive: Drive, t: int, poses: Any, pump: int):
-    """Stores the supply pressure, if tabulated, of tensioner `t` of all at a step's start, by its pump's pose."""
+    """Stores the tabulated supply pressure of tensioner `t` of all at a step's start, by its pump's pose."""
     tensioner = ensemble.tensioners[t]
-    if tensioner.supply_table.cells > 0:
-        forward = ensemble.motions[drive.first_body + tensioner.pump].sign * leading_value(poses[pump].speed)
-        state.tensioners[t].supply = supply_pressure(time, forward, tensioner, ensemble.tables)
+    forward = ensemble.motions[drive.first_body + tensioner.pump].sign * leading_value(poses[pump].speed)
+    state.tensioners[t].supply = supply_pressure(time, forward, tensioner, ensemble.tables)
 
 
 @wp.func

@@ -14,7 +14,9 @@ from ..structs import Drive
 def find_supplies(ensemble: Any, state: Any, drive: Drive, time: wp.float64):
     """Sets tabulated supply pressures of tensioners at a step's start."""
     for t in range(drive.first_tensioner, drive.first_tensioner + drive.tensioners):
-        find_supply(time, ensemble, state, drive, t, state.poses, drive.first_body + ensemble.tensioners[t].pump)
+        tensioner = ensemble.tensioners[t]
+        if tensioner.supply_table.cells > 0:
+            find_supply(time, ensemble, state, drive, t, state.poses, drive.first_body + tensioner.pump)
 
 
 @wp.func

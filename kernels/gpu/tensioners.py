@@ -104,7 +104,7 @@ def tensioner_functions(kind: BlockKind) -> TensionerFunctions:
         drive = ensemble.drives[mine.drive_row]
         for t in range(drive.first_tensioner, drive.first_tensioner + chains.tensioner_count(drive)):
             tensioner = ensemble.tensioners[t]
-            if tensioner.body == mine.body_number:
+            if tensioner.body == mine.body_number and tensioner.supply_table.cells > 0:
                 chain = mine.drive_row - mine.variant
                 pump = chains.body_on_block(ensemble, shared, mine.drive_row, chain, tensioner.pump)
                 find_supply(time, ensemble, state, drive, t, shared.poses, pump)
