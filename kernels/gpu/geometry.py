@@ -56,7 +56,7 @@ def geometry_functions(kind: BlockKind) -> GeometryFunctions:
 
     @wp.func
     def share_chains_and_guides(ensemble: Ensemble, shared: Shared, drive: Drive, variant: int):
-        """Shares all chains and guides of a variant; `drive` is that of its first chain."""
+        """Copies a variant's chains and guides to shared memory; `drive` is the first chain's row."""
         for r in range(wp.static(kind.parts.chains)):
             share_chain(ensemble, shared, ensemble.drives[variant + r], variant, r)
         if wp.static(kind.profiles):

@@ -158,7 +158,7 @@ def tensioner_functions(kind: BlockKind) -> TensionerFunctions:
 
     @wp.func
     def serve_variant(ensemble: Ensemble, state: State, shared: Shared, order: wp.array[wp.int32], number: int, k: int):
-        """Whether a thread has no part in a variant; with `k` >= 0 it has served that tensioner's oil."""
+        """Advances the oil of tensioner `k`, if any, to the launch's end; whether the thread has no variant to step."""
         over = False
         if wp.static(kind.has_oil_warp):
             if k >= 0:

@@ -378,7 +378,7 @@ class _FileCopy:
         self.file.add_attachment(name, attached.media_type, attached.data)
 
     def _copy_metadata(self, name: str, values: dict[str, str]) -> None:
-        """Copies a broken archive's metadata record, or keeps a run's."""
+        """Copies a metadata record of a broken archive, but of the last keeps the times alone."""
         if name == archive_format.RUN_METADATA:
             self._copy_start_metadata(values)
         elif name == archive_format.END_METADATA:

@@ -90,15 +90,15 @@ class Seating:
     def set_variants(self, chosen: Places, other: Seating) -> None:
         """Sets the seatings of chosen variants to another's."""
 
-        def put(column: Number, new: Number) -> Number:
-            """Copy of a column with new values of the chosen."""
+        def column_with(column: Number, new: Number) -> Number:
+            """Copy of a column with the chosen variants' new values."""
             column = column.copy()
             column[chosen] = new
             return column
 
         for name in ("first_angle", "seats", "links"):
-            setattr(self, name, list(map(put, getattr(self, name), getattr(other, name))))
-        self.strain = put(self.strain, other.strain)
+            setattr(self, name, list(map(column_with, getattr(self, name), getattr(other, name))))
+        self.strain = column_with(self.strain, other.strain)
 
     @property
     def first(self) -> list[Number]:
@@ -222,16 +222,16 @@ class Loop:
     def keep_laid_links(self, chosen: Places, part: Loop) -> None:
         """Keeps the laid links' lengths that `part` found for chosen variants."""
 
-        def put(old: Number, new: Number) -> Number:
-            """Column of all variants with new values of the chosen."""
+        def column_with(old: Number, new: Number) -> Number:
+            """Column of all variants with the chosen ones' new values."""
             if not has_arrays(old, new):
                 return new
             column = np.array(np.broadcast_to(old, self.variants))
             column[chosen] = new
             return column
 
-        self.chords = list(map(put, self.chords, part.chords))
-        self.scales = {k: put(self.scales.get(k, scale), scale) for k, scale in part.scales.items()}
+        self.chords = list(map(column_with, self.chords, part.chords))
+        self.scales = {k: column_with(self.scales.get(k, scale), scale) for k, scale in part.scales.items()}
 
     def counted_seating(self, model: ChainModel, path: ChainPath) -> Seating:
         """Seating by counting pitches along the path."""

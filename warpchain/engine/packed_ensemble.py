@@ -227,7 +227,7 @@ class PackedEnsemble(_PackedArrays):
         return self.rollers[first : first + STATE_ROWS * n].reshape(STATE_ROWS, n)
 
     def groups_by_rollers(self) -> Iterator[tuple[NDArray[np.intp], NDArray[np.int64], int]]:
-        """Yields packed variants (K,) of equal roller numbers; places."""
+        """Yields numbers and first rollers (K,) of variants with equally many rollers, and how many."""
         rollers, first = self.drives["rollers"], self.drives["first_roller"].astype(np.int64)
         for count in np.unique(rollers).tolist():
             variants = np.flatnonzero(rollers == count)

@@ -221,7 +221,7 @@ class Recorder:
         return {self.numbers[v]: self._joined_trajectory(v, self._kept, self.channels) for v in list(self._kept)}
 
     def measured_trajectories(self) -> Mapping[int, Trajectory]:
-        """Window's frames for plug-ins' metrics, by variants' numbers; empties them."""
+        """Frames of the window for plug-ins' metrics, by variants' numbers; the recorder keeps them no longer."""
         held, channels = self._measured, self._measured_channels
         return {self.numbers[v]: self._joined_trajectory(v, held, channels) for v in list(held)}
 

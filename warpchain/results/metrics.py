@@ -94,7 +94,7 @@ class VariantEnds(Generic[Of]):
         return number_of_each_drive(self.drives, self.stacks, value)
 
     def _stacks_among(self, variants: NDArray[np.intp]) -> list[Stack[Of]] | None:
-        """Stacks of some variants, ascending, numbered from 0."""
+        """Stacks of some ascending variants, which are numbered anew from 0."""
         if self.stacks is None:
             return None
         number, place = self._stack_places
