@@ -45,12 +45,15 @@ class RowAccess:
     load: wp.Function
     store: wp.Function
     find_unlike: wp.Function
+    copy_rows: wp.Function
+    shifted_rows: wp.Function
     round_up: wp.Function
+    whole_vectors: wp.Function
 
 
 @cache
 def row_access(Real: type) -> RowAccess:
-    """Native access to arrays of `Real`; on the CPU `find_unlike`, `round_up`."""
+    """Native access to arrays of `Real`; on the CPU all but `load` and `store`, too."""
     lanes = LANES.get(Real, 1)
 
     @wp.func_native("assert(i >= 0 && i < a.shape[0]); return a.data[i];")
@@ -85,12 +88,44 @@ def row_access(Real: type) -> RowAccess:
     def find_unlike(a: wp.array[Real], first: int, count: int, value: Real) -> wp.uint64:
         """Bits of up to 64 values of an array, from `first` on, unlike `value`."""
 
+    @wp.func_native("""
+        assert(first >= 0 && first + (rows - 1) * pitch + count <= a.shape[0]);
+        assert(to >= 0 && to + (rows - 1) * to_pitch + count <= a.shape[0] && count % 8 == 0);
+        for (int r = 0; r < rows; ++r)
+            for (int k = 0; k < count; k += 8)
+                __builtin_memcpy(a.data + to + r * to_pitch + k, a.data + first + r * pitch + k, 8 * sizeof(*a.data));
+    """)
+    def copy_rows(a: wp.array[Real], first: int, pitch: int, to: int, to_pitch: int, rows: int, count: int):
+        """Copies `rows` times `count` values of an array, by eight, that begin `pitch` apart to `to_pitch` apart."""
+
+    @wp.func_native("""
+        auto view = a;
+        view.data = (decltype(view.data))((size_t)a.data + shift * sizeof(*a.data));
+        view.shape[0] -= shift;
+        return view;
+    """)
+    def shifted_rows(a: wp.array[Real], shift: int) -> wp.array[Real]:
+        """Array whose value 0 is value `shift` of another, and that loops vectorize beside it."""
+
     @wp.func
     def round_up(n: int):
         """`n` rounded up to the vector lanes of `Real`."""
         return (n + wp.static(lanes - 1)) & wp.static(-lanes)
 
-    return RowAccess(load=load, store=store, find_unlike=find_unlike, round_up=round_up)
+    @wp.func
+    def whole_vectors(n: int):
+        """`n` rounded up to two times the vector lanes of `Real`, which long loops take at once."""
+        return (n + wp.static(2 * lanes - 1)) & wp.static(-2 * lanes)
+
+    return RowAccess(
+        load=load,
+        store=store,
+        find_unlike=find_unlike,
+        copy_rows=copy_rows,
+        shifted_rows=shifted_rows,
+        round_up=round_up,
+        whole_vectors=whole_vectors,
+    )
 
 
 @cache

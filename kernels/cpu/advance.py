@@ -17,12 +17,12 @@ from .chain_sums import chain_sum_functions
 from .contact_rows import contact_row_functions
 from .forces import force_functions
 from .frame_output import frame_output_functions
+from .link_runs import link_run_functions
 from .link_tallies import link_tally_functions
 from .near_rollers import near_roller_functions
 from .neighbor_list import neighbor_list_functions
 from .rollers import ROWS, roller_functions
 from .steps import step_functions
-from .toes import toe_functions
 from .window_sums import window_sum_functions
 
 SCRATCH_ROWS = len(ROWS)
@@ -69,7 +69,7 @@ def advance_kernel(Real: type, capacity: int, frame: Any, several: bool, silent:
     neighbor_list = neighbor_list_functions(Real, capacity)
     near_rollers = near_roller_functions(Real, capacity)
     contact_rows = contact_row_functions(Real, capacity)
-    toes = toe_functions(Real, capacity)
+    link_runs = link_run_functions(Real, capacity)
 
     @wp.func
     def drive_at(ensemble: Ensemble, row: int):
@@ -95,7 +95,7 @@ def advance_kernel(Real: type, capacity: int, frame: Any, several: bool, silent:
             contact_rows.fetch_dampers(state, drive, w)
             if wp.static(silent):
                 if drive.points > 1:
-                    toes.fetch_pushes(state, drive, w)
+                    link_runs.fetch_pushes(state, drive, w)
             neighbor_list.reset(w, drive)
             link_tallies.clear(w, drive.rollers)
 
@@ -108,7 +108,7 @@ def advance_kernel(Real: type, capacity: int, frame: Any, several: bool, silent:
             contact_rows.put_back_dampers(state, drive, w)
             if wp.static(silent):
                 if drive.points > 1:
-                    toes.put_back_pushes(state, drive, w)
+                    link_runs.put_back_pushes(state, drive, w)
 
     @wp.func
     def advance_variant(

@@ -13,12 +13,13 @@ from ..physics.toe import point_mobility
 from ..structs import GROUND, Drive, Piece, types
 from .contact_rows import contact_row_functions
 from .guides import guide_functions
+from .link_motions import link_motion_functions
+from .link_runs import LinkRun, link_run_functions
 from .near_rollers import near_roller_functions
 from .neighbor_list import Group, is_near, lowest_bit, neighbor_list_functions, without_lowest_bit
 from .partners import partner_functions
 from .rollers import roller_functions, rows
 from .toe_pairs import toe_pair_functions
-from .toes import toe_functions
 
 
 @dataclass(frozen=True)
@@ -26,7 +27,6 @@ class BackFunctions:
     """CPU functions of backs' contacts with one guide."""
 
     add_run_of_backs: wp.Function
-    late_power: wp.Function
 
 
 @cache
@@ -39,7 +39,8 @@ def back_functions(Real: type, capacity: int) -> BackFunctions:
     contact_rows = contact_row_functions(Real, capacity)
     guides = guide_functions(Real, capacity)
     neighbor_list = neighbor_list_functions(Real, capacity)
-    toes = toe_functions(Real, capacity)
+    link_runs = link_run_functions(Real, capacity)
+    motions = link_motion_functions(Real, capacity)
     toe_pairs = toe_pair_functions(Real, capacity)
     rollers = roller_functions(Real, capacity)
     access, seat_access = row_access(Real), row_access(wp.int32)
@@ -70,50 +71,55 @@ def back_functions(Real: type, capacity: int) -> BackFunctions:
 
     @wp.func
     def store_back_contact(
-        w: wp.array[Real], i: int, side: Real, partner: partners.Partner, pieces: wp.array[Piece], memory: Memory
+        w: wp.array[Real],
+        i: int,
+        c: int,
+        side: Real,
+        partner: partners.Partner,
+        pieces: wp.array[Piece],
+        memory: Memory,
     ):
-        """Stores penetration, normal, place and mobility of the back of link `i` on a guide."""
+        """Stores contact `c`, of the back of link `i` with a guide."""
         guide = partner.guide
-        u = vec2(access.load(w, row.link_ux + i + 1), access.load(w, row.link_uy + i + 1))
-        length, across = access.load(w, row.link_length + i + 1), wheelward_normal(u, side)
-        top = rollers.exact_position(w, i) + exact_vector(Real(0.5) * length * u - guide.roller_radius * across)
+        link = motions.link_at(w, i + 1)
+        u = vec2(link.ux, link.uy)
+        across = wheelward_normal(u, side)
+        top = rollers.exact_position(w, i) + exact_vector(Real(0.5) * link.length * u - guide.roller_radius * across)
         penetration, normal = crown_contact(top, across, memory.first + i, partner, pieces, memory)
-        depth, z = back_contact(penetration, normal, u, across, length, guide)
-        access.store(w, row.penetration + i, guides.face_penetration(w, i, depth, guide))
-        access.store(w, row.normal_x + i, normal[0])
-        access.store(w, row.normal_y + i, normal[1])
-        access.store(w, row.place_x + i, z[0])
-        access.store(w, row.place_y + i, z[1])
-        access.store(w, row.point_mobility + i, point_mobility(z, normal, length))
+        depth, z = back_contact(penetration, normal, u, across, link.length, guide)
+        depth = guides.face_penetration(w, c, depth, guide)
+        contact_rows.store_place(w, c, depth, normal, z, point_mobility(z, normal, link.length))
+        arm = motions.arm_of_middle(w, i, link, Real(1.0), partner.pose)
+        motions.store_motion(w, c, arm, z, link, partner.pose, memory)
 
     @wp.func
     def find_back_contacts(
         w: wp.array[Real],
+        run: LinkRun,
         group: Group,
         side: Real,
         partner: partners.Partner,
         pieces: wp.array[Piece],
         memory: Memory,
     ):
-        """Stores the contacts of the backs after a group's pins with a guide; v0 are in their row."""
-        i = group.low
-        while i < group.high:
-            before = wp.where(is_near(group, i), access.load(w, row.v0_before + i), Real(UNTOUCHED))
-            access.store(w, row.v0_before + i, before)
-            access.store(w, row.v0_open + i, Real(UNTOUCHED))
-            access.store(w, row.penetration + i, Real(AWAY))
-            access.store(w, row.normal_x + i, Real(0.0))
-            access.store(w, row.normal_y + i, Real(0.0))
-            access.store(w, row.place_x + i, Real(0.0))
-            access.store(w, row.place_y + i, Real(0.0))
-            access.store(w, row.point_mobility + i, Real(0.5))
-            i = i + 1
+        """Stores the contacts of the backs after a group's pins with a guide."""
+        link_runs.recall_contacts(w, run, 1, memory)
+        c = int(0)
+        while c < access.whole_vectors(run.count):
+            i = run.low + c
+            near = c < run.count and is_near(group, i)
+            before = wp.where(near, access.load(w, row.v0_before + c), Real(UNTOUCHED))
+            access.store(w, row.v0_before + c, before)
+            access.store(w, row.v0_open + c, Real(UNTOUCHED))
+            access.store(w, row.penetration + c, Real(AWAY))
+            access.store(w, row.point_mobility + c, Real(0.5))
+            c = c + 1
         partner.guide = back_guide(partner.guide)
         bits = group.near
         while bits != wp.uint64(0):
-            store_back_contact(w, group.first + lowest_bit(bits), side, partner, pieces, memory)
+            i = group.first + lowest_bit(bits)
+            store_back_contact(w, i, i - run.low, side, partner, pieces, memory)
             bits = without_lowest_bit(bits)
-        toes.find_motions(w, group, partner.pose, memory)
 
     @wp.func(inline=False)
     def add_run_of_backs(
@@ -139,23 +145,10 @@ def back_functions(Real: type, capacity: int) -> BackFunctions:
             if partner.body != GROUND:
                 memory.straight = vec2(Real(partner.pose.straight[0]), Real(partner.pose.straight[1]))
                 memory.angular = Real(partner.pose.angular)
-            toe_pairs.recall_contacts(w, group, memory)
-            find_back_contacts(w, group, ensemble.plates[place].side, partner, ensemble.pieces, memory)
+            links = link_runs.link_run(group.first, group.near)
+            find_back_contacts(w, links, group, ensemble.plates[place].side, partner, ensemble.pieces, memory)
             friction = partners.friction_of_partner(ensemble, drive, p)
             slot = drive.first_sprocket + drive.first_guide + p
-            toe_pairs.add_back_forces(w, group, partner.guide.law, friction, memory, state.totals, slot)
+            toe_pairs.add_back_forces(w, links, partner.guide.law, friction, memory, state.totals, slot, drive.rollers)
 
-    @wp.func
-    def late_power(w: wp.array[Real], group: Group, memory: Memory):
-        """Power [W] that contacts of links take less where the group's pins accelerate by their own contacts, too."""
-        less = Real(0.0)
-        i = group.low
-        while i < group.high:
-            if access.load(w, row.penetration + i) > Real(0.0):
-                x, y = access.load(w, row.force_x + i), access.load(w, row.force_y + i)
-                before_x, before_y = access.load(w, row.fx + i) - x, access.load(w, row.fy + i) - y
-                less += access.load(w, row.mobility + i) * (x * before_x + y * before_y)
-            i = i + 1
-        return wp.float64(memory.lag * memory.inverse_mass * less)
-
-    return BackFunctions(add_run_of_backs=add_run_of_backs, late_power=late_power)
+    return BackFunctions(add_run_of_backs=add_run_of_backs)

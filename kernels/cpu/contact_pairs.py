@@ -5,6 +5,7 @@ from functools import cache
 
 import warp as wp
 
+from ..native import row_access
 from ..physics.back import back_count
 from ..physics.body import wrench_with_force
 from ..structs import GROUND, Drive, Now, Totals, types
@@ -14,15 +15,15 @@ from .contact_friction import contact_friction_functions
 from .contact_rows import contact_row_functions
 from .contact_sums import contact_sum_functions
 from .guides import guide_functions
+from .link_motions import link_motion_functions
 from .near_rollers import near_roller_functions
 from .neighbor_list import Group, neighbor_list_functions
 from .partners import partner_functions
-from .rollers import roller_functions, rows
+from .pin_forces import pin_force_functions
+from .rollers import rows
 from .seats import seat_functions
 from .teeth import tooth_functions
-from .toe_forces import toe_force_functions
 from .toe_pairs import toe_pair_functions
-from .toes import toe_functions
 
 
 @dataclass(frozen=True)
@@ -37,13 +38,13 @@ def contact_pair_functions(Real: type, capacity: int, silent: bool) -> ContactPa
     """CPU contact pair functions, with silent chains only where `silent`."""
     kinds = types(Real)
     Ensemble, State, Memory = kinds.Ensemble, kinds.State, kinds.Memory
+    access = row_access(Real)
     partners = partner_functions(Real)
     near_rollers = near_roller_functions(Real, capacity)
     seats = seat_functions(Real, capacity)
     teeth = tooth_functions(Real, capacity)
-    rollers = roller_functions(Real, capacity)
-    toes = toe_functions(Real, capacity)
-    toe_forces = toe_force_functions(Real, capacity)
+    motions = link_motion_functions(Real, capacity)
+    pin_forces = pin_force_functions(Real, capacity)
     toe_pairs = toe_pair_functions(Real, capacity)
     backs = back_functions(Real, capacity)
     guides = guide_functions(Real, capacity)
@@ -130,6 +131,19 @@ def contact_pair_functions(Real: type, capacity: int, silent: bool) -> ContactPa
                 totals[slot] = guides.count_missed(w, group, totals[slot])
 
     @wp.func
+    def late_power(w: wp.array[Real], group: Group, memory: Memory):
+        """Power [W] that contacts of links take less where the group's pins accelerate by their own contacts, too."""
+        less = Real(0.0)
+        i = group.low
+        while i < group.high:
+            if access.load(w, row.penetration + i) > Real(0.0):
+                x, y = access.load(w, row.force_x + i), access.load(w, row.force_y + i)
+                before_x, before_y = access.load(w, row.fx + i) - x, access.load(w, row.fy + i) - y
+                less += access.load(w, row.mobility + i) * (x * before_x + y * before_y)
+            i = i + 1
+        return wp.float64(memory.lag * memory.inverse_mass * less)
+
+    @wp.func
     def add_run_forces(
         ensemble: Ensemble,
         state: State,
@@ -155,7 +169,7 @@ def contact_pair_functions(Real: type, capacity: int, silent: bool) -> ContactPa
             changed = add_group_forces(w, group, law, friction, memory, state.totals, slot)
             if wp.static(silent):
                 if drive.points > 1 and memory.wanted.measures != 0:
-                    state.totals[slot].dissipated -= backs.late_power(w, group, memory)
+                    state.totals[slot].dissipated -= late_power(w, group, memory)
             if changed != 0 and memory.stage == 0:
                 if on_teeth:
                     seats.keep_impact_speeds(w, group.low, group.high, p, memory)
@@ -170,7 +184,7 @@ def contact_pair_functions(Real: type, capacity: int, silent: bool) -> ContactPa
         """Adds all contact forces of a chain, `place` among all, to CPU rows, `Totals` and bodies' wrenches."""
         if wp.static(silent):
             if drive.points > 1:
-                toes.find_link_motions(w, drive.rollers, ensemble.chains[place])
+                motions.find_link_motions(w, drive.rollers, ensemble.chains[place])
         # one loop over all runs: with one over each partner's, rare values of a partner are laid out before its runs
         p = int(0)
         run = int(0)
@@ -184,9 +198,7 @@ def contact_pair_functions(Real: type, capacity: int, silent: bool) -> ContactPa
                 memory.damper_row = contact_rows.damper_row(p)
                 if wp.static(silent):
                     if drive.points > 1 and p < wp.min(links_end, drive.sprockets + 1):  # all backs are joined at once
-                        rollers.clear_rows(w, row.near_x, row.near_y, drive.rollers)
-                        rollers.clear_rows(w, row.next_x, row.next_y, drive.rollers + 1)
-                        rollers.clear_rows(w, row.last_x, row.last_y, drive.rollers + 1)
+                        pin_forces.clear_rows(w, drive.rollers)
                     elif drive.points > 1:
                         memory.damper_row = contact_rows.damper_row(drive.sprockets * (drive.points - 1) + p)
             if run < runs:
@@ -211,9 +223,9 @@ def contact_pair_functions(Real: type, capacity: int, silent: bool) -> ContactPa
                     memory.first = memory.first + wp.where(p < drive.sprockets, drive.points, 1) * drive.rollers
                     if drive.points > 1 and (p < drive.sprockets or p == links_end - 1):
                         of = wp.min(p, drive.sprockets) - p  # of all backs at the first guide
-                        state.totals[slot + of].dissipated -= toe_forces.join_forces(w, drive.rollers, memory)
+                        state.totals[slot + of].dissipated -= pin_forces.join_forces(w, drive.rollers, memory)
                     if drive.points > 1 and p == drive.sprockets + drive.guides - 1 and memory.stage == 0:
-                        toe_forces.keep_forces(w, drive.rollers)
+                        pin_forces.keep_forces(w, drive.rollers)
                 else:
                     memory.first = memory.first + drive.rollers
                 run = 0

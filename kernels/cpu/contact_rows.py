@@ -23,6 +23,7 @@ class ContactRowFunctions:
     keep_impact_speeds: wp.Function
     store_arm: wp.Function
     store_contact: wp.Function
+    store_place: wp.Function
     damper_row: wp.Function
     link_contacts: wp.Function
     push_row: wp.Function
@@ -37,7 +38,7 @@ class ContactRowFunctions:
 def contact_row_functions(Real: type, capacity: int) -> ContactRowFunctions:
     """CPU contact row functions."""
     kinds = types(Real)
-    Memory, State = kinds.Memory, kinds.State
+    Memory, State, vec2 = kinds.Memory, kinds.State, kinds.vec2
     access = row_access(Real)
     row = rows(capacity)
 
@@ -76,6 +77,16 @@ def contact_row_functions(Real: type, capacity: int) -> ContactRowFunctions:
         access.store(w, row.normal_y + i, normal_y)
         access.store(w, row.relative_x + i, relative_x)
         access.store(w, row.relative_y + i, relative_y)
+
+    @wp.func
+    def store_place(w: wp.array[Real], i: int, penetration: Real, normal: vec2, place: vec2, mobility: Real):
+        """Stores penetration, normal, place and mobility of contact `i` of a link."""
+        access.store(w, row.penetration + i, penetration)
+        access.store(w, row.normal_x + i, normal[0])
+        access.store(w, row.normal_y + i, normal[1])
+        access.store(w, row.place_x + i, place[0])
+        access.store(w, row.place_y + i, place[1])
+        access.store(w, row.point_mobility + i, mobility)
 
     @wp.func
     def damper_row(p: int):
@@ -133,6 +144,7 @@ def contact_row_functions(Real: type, capacity: int) -> ContactRowFunctions:
         keep_impact_speeds=keep_impact_speeds,
         store_arm=store_arm,
         store_contact=store_contact,
+        store_place=store_place,
         damper_row=damper_row,
         link_contacts=link_contacts,
         push_row=push_row,

@@ -11,10 +11,10 @@ from ..relaxation import ENERGY_EVERY, Settling, finite_size, relative_residual,
 from ..structs import Drive, types
 from . import bodies, hubs
 from .forces import force_functions
+from .link_runs import link_run_functions
 from .near_rollers import near_roller_functions
 from .neighbor_list import neighbor_list_functions
 from .rollers import roller_functions, rows
-from .toes import toe_functions
 
 
 @cache
@@ -28,7 +28,7 @@ def relax_kernel(Real: type, capacity: int, silent: bool = False) -> wp.Kernel:
     forces = force_functions(Real, capacity, silent)
     near_rollers = near_roller_functions(Real, capacity)
     access = row_access(Real)
-    toes = toe_functions(Real, capacity)
+    link_runs = link_run_functions(Real, capacity)
 
     @wp.func
     def kinetic_energy(w: wp.array[Real], n: int, mass: Real):
@@ -103,7 +103,7 @@ def relax_kernel(Real: type, capacity: int, silent: bool = False) -> wp.Kernel:
         rollers.fetch(state, ensemble.lengths, w, drive.first_roller, n)
         if wp.static(silent):
             if drive.points > 1:
-                toes.fetch_pushes(state, drive, w)
+                link_runs.fetch_pushes(state, drive, w)
         neighbor_list.reset(w, drive)
         end = wp.min(s.steps + steps, s.limit)
         while s.steps < end and s.settled == 0:
@@ -124,7 +124,7 @@ def relax_kernel(Real: type, capacity: int, silent: bool = False) -> wp.Kernel:
                 s.steps = s.steps + 1
         if wp.static(silent):
             if drive.points > 1:
-                toes.put_back_pushes(state, drive, w)
+                link_runs.put_back_pushes(state, drive, w)
         settling[variant] = s
         rollers.put_back(state, w, drive.first_roller, n)
 

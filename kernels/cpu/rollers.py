@@ -16,7 +16,12 @@ from ..structs import types
 
 @dataclass(frozen=True)
 class Rows:
-    """First index of each row of a CPU scratch, in order."""
+    """First index of each row of a CPU scratch, in order.
+
+    Rows of contacts, from `arm_x` on, lie after all of rollers: where a loop reads these and writes those, compilers
+    check at run time that they are apart. A row that a loop writes at i is not within two rows after one read at i + 1,
+    as compilers would take narrower vectors.
+    """
 
     x: int  # position [m]
     y: int
@@ -50,7 +55,7 @@ class Rows:
     sum_y: int
     sum_vx: int
     sum_vy: int
-    v0_before: int  # of contacts with the partner at hand (`contact_rows`): v0 until now [m/s]
+    odd_ends: int  # of a silent chain at the wheel at hand: bits of flank ends that are worked out apart, as few are
     near: int  # 1: near the partner at hand, else 0
     piece: int  # of the profile at hand that the roller is over, else -1
     direction_owner: int  # the sprocket of the drive to a seat of which the direction below belongs, else -1
@@ -63,6 +68,34 @@ class Rows:
     lateral: int
     outward_x: int  # that direction
     outward_y: int
+    tension_min: int  # of links since their tallies were merged: least and greatest tension [N]
+    tension_max: int
+    rate_squares: int  # weighted sum of squares of rates of elongation
+    strand: int  # that the link is on
+    run_first: int  # of runs of rollers that can come near a partner soon (`neighbor_list`): the first roller
+    run_rollers: int  # and how many they are
+    runs: int  # of partner i of the drive
+    lifetime: int  # 0: steps for which they hold; 1: as long as none is faster [m/s]
+    joint_friction: int  # tally of the powers that the roller's joints take [W]
+    toe_x: int  # of a silent chain (`toes`): force of contacts on the pin in the step before [N]
+    toe_y: int
+    pin_ax: int  # acceleration of the pin by its links, and by contacts as in the step before [m/s^2]
+    pin_ay: int
+    near_x: int  # force of a wheel's teeth, or of guides on backs, at the pin on it, and in the end all of theirs [N]
+    near_y: int
+    link_ux: int  # unit vector of link i at i + 1, like the seven that follow
+    link_uy: int
+    link_length: int  # [m]
+    link_turn: int  # angular velocity [rad/s]
+    link_angular: int  # angular acceleration [rad/s^2]
+    middle_vx: int  # velocity of the link's middle [m/s]
+    middle_vy: int
+    middle_ax: int  # acceleration of that [m/s^2]
+    middle_ay: int
+    next_x: int  # of pin i at i + 1: and on the next pin, by the link between
+    next_y: int
+    last_x: int  # of pin i at i + 1: and on the pin before
+    last_y: int
     arm_x: int  # the roller from the center of the partner's body [m]
     arm_y: int
     penetration: int  # [m], at the instant and then in the mean of the step (`contact.normal_force`)
@@ -83,28 +116,7 @@ class Rows:
     reaction: int  # on the partner's body [N m]
     damper_power: int  # that contacts take without friction [W]
     friction_power: int  # power of friction [W]
-    tension_min: int  # of links since their tallies were merged: least and greatest tension [N]
-    tension_max: int
-    rate_squares: int  # weighted sum of squares of rates of elongation
-    strand: int  # that the link is on
-    run_first: int  # of runs of rollers that can come near a partner soon (`neighbor_list`): the first roller
-    run_rollers: int  # and how many they are
-    runs: int  # of partner i of the drive
-    lifetime: int  # 0: steps for which they hold; 1: as long as none is faster [m/s]
-    joint_friction: int  # tally of the powers that the roller's joints take [W]
-    toe_x: int  # of a silent chain (`toes`): force of contacts on the pin in the step before [N]
-    toe_y: int
-    pin_ax: int  # acceleration of the pin by its links, and by contacts as in the step before [m/s^2]
-    pin_ay: int
-    link_ux: int  # unit vector of link i at i + 1, like the seven that follow
-    link_uy: int
-    link_length: int  # [m]
-    link_turn: int  # angular velocity [rad/s]
-    link_angular: int  # angular acceleration [rad/s^2]
-    middle_vx: int  # velocity of the link's middle [m/s]
-    middle_vy: int
-    middle_ax: int  # acceleration of that [m/s^2]
-    middle_ay: int
+    v0_before: int  # of contacts with the partner at hand (`contact_rows`): v0 until now [m/s]
     place_x: int  # of the contact at hand from its link's middle [m]
     place_y: int
     more_x: int  # acceleration of its relative velocity [m/s^2]
@@ -113,12 +125,6 @@ class Rows:
     exception: int  # 1: it is worked out apart, as few are
     held: int  # speed at which its damper acted then [m/s]
     point_mobility: int  # inverse mass along its normal over a roller's [-]
-    near_x: int  # force of a wheel's teeth, or of guides on backs, at the pin on it, and in the end all of theirs [N]
-    near_y: int
-    next_x: int  # of pin i at i + 1: and on the next pin, by the link between
-    next_y: int
-    last_x: int  # of pin i at i + 1: and on the pin before
-    last_y: int
 
 
 ROWS = tuple(field.name for field in fields(Rows))

@@ -5,16 +5,17 @@ from functools import cache
 
 import warp as wp
 
-from ..native import LANES
+from ..native import row_access
 from ..physics.toe import ENDS
 from ..structs import Drive, Totals, types
-from .contact_forces import contact_force_functions
 from .contact_friction import contact_friction_functions
 from .contact_rows import contact_row_functions
 from .contact_sums import contact_sum_functions
+from .link_runs import LinkRun, link_run_functions
 from .near_rollers import near_roller_functions
-from .neighbor_list import Group, neighbor_list_functions
+from .neighbor_list import GROUP, Group, neighbor_list_functions
 from .partners import partner_functions
+from .pin_forces import pin_force_functions
 from .rollers import rows
 from .teeth import tooth_functions
 from .toe_forces import toe_force_functions
@@ -26,7 +27,6 @@ class ToePairFunctions:
     """CPU functions of a silent chain's contacts with one wheel, and what those of backs have in common with them."""
 
     add_run_of_toes: wp.Function
-    recall_contacts: wp.Function
     add_back_forces: wp.Function
 
 
@@ -35,95 +35,77 @@ def toe_pair_functions(Real: type, capacity: int) -> ToePairFunctions:
     """CPU functions of a silent chain's contacts with one wheel, for rows of `capacity` values of type `Real`."""
     kinds = types(Real)
     Ensemble, State, Memory, Plate = kinds.Ensemble, kinds.State, kinds.Memory, kinds.Plate
+    access = row_access(Real)
     partners = partner_functions(Real)
+    link_runs = link_run_functions(Real, capacity)
     near_rollers = near_roller_functions(Real, capacity)
     teeth = tooth_functions(Real, capacity)
     toes = toe_functions(Real, capacity)
     toe_forces = toe_force_functions(Real, capacity)
+    pin_forces = pin_force_functions(Real, capacity)
     contact_rows = contact_row_functions(Real, capacity)
-    contact_forces = contact_force_functions(Real, capacity)
     contact_sums = contact_sum_functions(Real, capacity)
     contact_friction = contact_friction_functions(Real, capacity)
     row = rows(capacity)
-    wide = wp.constant(2 * LANES[Real])  # pins at a time that these long loops take; others would go one by one
     neighbor_list = neighbor_list_functions(Real, capacity)
 
-    @wp.struct
-    class ToeRun:
-        """Pins of a wheel's run, in whole vectors."""
-
-        group: Group
-        last: wp.int32  # after the run's last pin; beyond it none is seated
-        slot: wp.int32  # of the wheel's totals
-
     @wp.func
-    def recall_contacts(w: wp.array[Real], group: Group, memory: Memory):
-        """Copies what a group's contacts of links have kept to its rows."""
-        contact_forces.copy_row(w, group, memory.speed_row, row.v0_before)
-        contact_forces.copy_row(w, group, memory.push_row, row.pushed)
-        contact_forces.copy_row(w, group, memory.damper_row, row.damper_speed)
+    def add_friction(w: wp.array[Real], group: Group, pins: int, friction: kinds.Friction, memory: Memory):
+        """Adds friction to forces of a group of contacts, whose bristles are those of `pins` more."""
+        memory.first = memory.first + pins
+        contact_friction.add_friction_forces(w, group, friction, memory)
 
-    def force_function(after: bool, on_teeth: bool) -> wp.Function:
-        """Function that adds the forces of contacts of links after pins, or before them, on teeth or a guide."""
-        add_forces = toe_forces.add_forces[int(not after)]
+    def force_function(on_teeth: bool) -> wp.Function:
+        """Function that adds the forces of links' contacts on teeth or a guide."""
         sizes = row.sprocket_force if on_teeth else row.guide_force
+        ends = int(ENDS) if on_teeth else 1
+        find_normal_forces = toe_forces.find_normal_forces[int(not on_teeth)]
+        add_to_pins = pin_forces.add_to_pins[int(not on_teeth)]
 
         @wp.func
         def add_contact_forces(
             w: wp.array[Real],
-            group: Group,
+            run: LinkRun,
             law: kinds.ContactLaw,
             friction: kinds.Friction,
             memory: Memory,
             totals: wp.array[Totals],
             slot: int,
+            n: int,
         ):
-            """Adds the forces of a group's contacts to rows of pins and to the partner's totals."""
+            """Adds the forces of a run's contacts to rows of pins and to the partner's totals."""
             measured = memory.wanted.measures != 0
-            toe_forces.find_normal_forces(w, group, law, memory)
-            if friction.inertia > Real(0.0):
-                contact_friction.add_friction_forces(w, group, friction, memory)
-            add_forces(w, group)
+            rubs = friction.inertia > Real(0.0)
+            count = access.whole_vectors(run.count)
+            find_normal_forces(w, count, law, memory)
+            end = wp.where(rubs, 0, wp.static(ends))
+            while end < wp.static(ends):
+                group = neighbor_list.whole_group(end * GROUP, end * GROUP + count)
+                add_friction(w, group, end * n + run.low - group.low, friction, memory)
+                end = end + 1
+            add_to_pins(w, run.low, count)
             if memory.stage == 0:
-                contact_forces.copy_row(w, group, row.v0_kept, memory.speed_row)
-                contact_forces.copy_row(w, group, row.force_size, memory.push_row)
-                contact_forces.copy_row(w, group, row.damper_speed, memory.damper_row)
-            if measured:
-                began = toe_forces.find_powers(w, group, law, friction.inertia > Real(0.0), memory)
-                contact_sums.add_measured_totals(w, group, law, friction, memory.wanted, totals, slot)
-                if began != 0:
-                    totals[slot].impacts += contact_sums.count_beginning(w, group)
-                    if wp.static(on_teeth):
-                        totals[slot].contacts += teeth.count_first_contacts(w, group)
-            else:
-                contact_sums.add_totals(w, group, totals, slot, False, False)
-            if memory.wanted.sizes != 0:
-                contact_rows.add_force_sizes(w, group, wp.static(sizes))
+                link_runs.keep_contacts(w, run, wp.static(ends), memory)
+            end = int(0)
+            while end < wp.static(ends):
+                group = neighbor_list.whole_group(end * GROUP, end * GROUP + run.count)
+                if measured:
+                    whole = neighbor_list.whole_group(group.low, group.low + count)
+                    began = toe_forces.find_powers(w, whole, law, rubs, memory)
+                    contact_sums.add_measured_totals(w, group, law, friction, memory.wanted, totals, slot)
+                    if began != 0:
+                        totals[slot].impacts += contact_sums.count_beginning(w, group)
+                        if wp.static(on_teeth):
+                            totals[slot].contacts += teeth.count_first_contacts(w, group)
+                else:
+                    contact_sums.add_totals(w, group, totals, slot, False, False)
+                if memory.wanted.sizes != 0:
+                    contact_rows.add_force_sizes(w, group, wp.static(sizes) + run.low - group.low)
+                end = end + 1
 
         return add_contact_forces
 
-    def end_function(end: int) -> wp.Function:
-        """Function that adds the forces of flank end `end`."""
-        find_contacts, add_forces = toes.find_contacts[end], force_function(end < 2, True)
-
-        @wp.func
-        def add_end_forces(
-            w: wp.array[Real],
-            run: ToeRun,
-            plate: Plate,
-            partner: partners.Partner,
-            friction: kinds.Friction,
-            memory: Memory,
-            totals: wp.array[Totals],
-        ):
-            """Adds the forces of one flank end at a run's pins to rows of pins and to the wheel's totals."""
-            recall_contacts(w, run.group, memory)
-            find_contacts(w, run.group, run.last, plate, partner.sprocket, partner.pose, partner.body, memory)
-            add_forces(w, run.group, partner.sprocket.law, friction, memory, totals, run.slot)
-
-        return add_end_forces
-
-    first_end, second_end, third_end, fourth_end = (end_function(end) for end in range(int(ENDS)))
+    add_toe_forces = force_function(True)
 
     @wp.func
     def plate_by_value(plate: Plate):
@@ -136,15 +118,6 @@ def toe_pair_functions(Real: type, capacity: int) -> ToePairFunctions:
         own.sin_flank = plate.sin_flank
         own.side = plate.side
         return own
-
-    @wp.func
-    def next_end(memory: Memory, n: int):
-        """Memory of the next flank end's contacts of `n` pins."""
-        memory.first = memory.first + n
-        memory.damper_row = memory.damper_row + wp.static(capacity)
-        memory.push_row = memory.push_row + wp.static(capacity)
-        memory.speed_row = memory.speed_row + wp.static(capacity)
-        return memory
 
     @wp.func(inline=False)
     def add_run_of_toes(
@@ -163,12 +136,8 @@ def toe_pair_functions(Real: type, capacity: int) -> ToePairFunctions:
         partner = partners.sprocket_partner(ensemble, state, drive, p)
         memory.speed_row = contact_rows.speed_row(drive, p * ENDS)
         group = near_rollers.find_gap_contacts(w, ensemble, first, first + count, n, partner, memory)
-        if group.high > group.low:
-            some = ToeRun()
-            some.last = group.high
-            some.slot = drive.first_sprocket + drive.first_guide + p
-            group.high = group.low + (group.high - group.low + wide - 1) // wide * wide
-            some.group = group
+        links = toes.seated_run(w, group, p)
+        if links.count > 0:
             friction = partners.friction_of_partner(ensemble, drive, p)
             pose = state.poses[drive.first_body + p]
             own = plate_by_value(ensemble.plates[place])
@@ -176,16 +145,11 @@ def toe_pair_functions(Real: type, capacity: int) -> ToePairFunctions:
             memory.angular = Real(pose.angular)
             memory.damper_row = contact_rows.damper_row(p * ENDS)
             memory.push_row = contact_rows.push_row(drive, p * ENDS)
-            first_end(w, some, own, partner, friction, memory, state.totals)
-            memory = next_end(memory, n)
-            second_end(w, some, own, partner, friction, memory, state.totals)
-            memory = next_end(memory, n)
-            third_end(w, some, own, partner, friction, memory, state.totals)
-            memory = next_end(memory, n)
-            fourth_end(w, some, own, partner, friction, memory, state.totals)
+            toes.find_contacts(w, links, own, partner.sprocket, partner.pose, partner.body, memory)
+            slot = drive.first_sprocket + drive.first_guide + p
+            add_toe_forces(w, links, partner.sprocket.law, friction, memory, state.totals, slot, n)
 
     return ToePairFunctions(
         add_run_of_toes=add_run_of_toes,
-        recall_contacts=recall_contacts,
-        add_back_forces=force_function(True, False),
+        add_back_forces=force_function(False),
     )
