@@ -6,17 +6,17 @@ from functools import cache
 import warp as wp
 
 from ..native import row_access
-from ..physics.back import back_contact, back_guide, crown_bar_contact, crown_piece_contact, wheelward_normal
+from ..physics.back import back_contact, back_guide, crown_gap, crown_over_bar, crown_over_piece, wheelward_normal
 from ..physics.contact import AWAY, UNTOUCHED, rotated_vector
 from ..physics.guide import frame_vector, tracked_piece
 from ..physics.toe import point_mobility
-from ..structs import GROUND, Drive, Piece, types
+from ..structs import GROUND, Drive, Piece, Pose, types
 from .contact_rows import contact_row_functions
 from .guides import guide_functions
 from .link_motions import link_motion_functions
 from .link_runs import LinkRun, link_run_functions
 from .near_rollers import near_roller_functions
-from .neighbor_list import Group, is_near, lowest_bit, neighbor_list_functions, without_lowest_bit
+from .neighbor_list import Group, lowest_bit, neighbor_list_functions, single_bit, without_lowest_bit
 from .partners import partner_functions
 from .rollers import roller_functions, rows
 from .toe_pairs import toe_pair_functions
@@ -52,45 +52,78 @@ def back_functions(Real: type, capacity: int) -> BackFunctions:
         return wp.vec2d(wp.float64(v[0]), wp.float64(v[1]))
 
     @wp.func
-    def crown_contact(
-        top: wp.vec2d, across: vec2, at: int, partner: partners.Partner, pieces: wp.array[Piece], memory: Memory
-    ):
-        """Penetration [m] and normal of a crown with its top at `top` [m]; its piece of a profile is kept at `at`."""
-        guide, body = partner.guide, partner.pose
-        if guide.pieces == 0:
-            depth, facing = crown_bar_contact(top - guide.start, across, guide)
-            return depth, facing
-        q, turned = frame_vector(top - body.center, body), frame_vector(exact_vector(across), body)
-        center = q + wp.float64(guide.back_radius) * turned
-        kept = seat_access.load(memory.seat, at)
-        number = tracked_piece(center, kept, guide, pieces)
-        seat_access.store(memory.seat, at, number)
-        w = vec2(Real(turned[0]), Real(turned[1]))
-        penetration, normal = crown_piece_contact(q, center, w, number, guide, pieces)
-        return penetration, rotated_vector(normal, Real(body.cosine), Real(body.sine))
-
-    @wp.func
-    def store_back_contact(
+    def find_facing(
         w: wp.array[Real],
         i: int,
         c: int,
         side: Real,
-        partner: partners.Partner,
+        guide: kinds.Guide,
+        body: Pose,
         pieces: wp.array[Piece],
         memory: Memory,
     ):
-        """Stores contact `c`, of the back of link `i` with a guide."""
-        guide = partner.guide
-        link = motions.link_at(w, i + 1)
-        u = vec2(link.ux, link.uy)
+        """Tracks the piece of a guide under the crown of link `i`; returns whether there is one.
+
+        Its height, normal and curvature there stay in contact c's rows of penetration, normal and mobility.
+        """
+        u = vec2(access.load(w, row.link_ux + i + 1), access.load(w, row.link_uy + i + 1))
         across = wheelward_normal(u, side)
-        top = rollers.exact_position(w, i) + exact_vector(Real(0.5) * link.length * u - guide.roller_radius * across)
-        penetration, normal = crown_contact(top, across, memory.first + i, partner, pieces, memory)
-        depth, z = back_contact(penetration, normal, u, across, link.length, guide)
-        depth = guides.face_penetration(w, c, depth, guide)
-        contact_rows.store_place(w, c, depth, normal, z, point_mobility(z, normal, link.length))
-        arm = motions.arm_of_middle(w, i, link, Real(1.0), partner.pose)
-        motions.store_motion(w, c, arm, z, link, partner.pose, memory)
+        half = Real(0.5) * access.load(w, row.link_length + i + 1)
+        top = rollers.exact_position(w, i) + exact_vector(half * u - guide.roller_radius * across)
+        if guide.pieces == 0:
+            height, facing, curvature, is_over = crown_over_bar(top - guide.start, across, guide)
+        else:
+            q = frame_vector(top - body.center, body)
+            center = q + wp.float64(guide.back_radius) * frame_vector(exact_vector(across), body)
+            number = tracked_piece(center, seat_access.load(memory.seat, memory.first + i), guide, pieces)
+            seat_access.store(memory.seat, memory.first + i, number)
+            height, facing, curvature, is_over = crown_over_piece(q, center, u, number, guide, pieces)
+        access.store(w, row.penetration + c, height)
+        access.store(w, row.normal_x + c, facing[0])
+        access.store(w, row.normal_y + c, facing[1])
+        access.store(w, row.point_mobility + c, curvature)
+        return is_over
+
+    @wp.func(inline=True)
+    def store_back_contacts(
+        w: wp.array[Real],
+        run: LinkRun,
+        over: wp.uint64,
+        side: Real,
+        guide: kinds.Guide,
+        body: Pose,
+        is_bar: bool,
+        memory: Memory,
+    ):
+        """Stores contacts of a run's backs with a guide, bits `over` of them over it, after `find_facing`."""
+        contacts = access.shifted_rows(w, -run.low)
+        high = run.low + access.whole_vectors(run.count)
+        i = run.low
+        while i < high:
+            link = motions.link_at(w, i + 1)
+            u = vec2(link.ux, link.uy)
+            across = wheelward_normal(u, side)
+            facing = vec2(access.load(contacts, row.normal_x + i), access.load(contacts, row.normal_y + i))
+            height, curvature = (
+                access.load(contacts, row.penetration + i),
+                access.load(contacts, row.point_mobility + i),
+            )
+            turned = across
+            if not is_bar:
+                exact = frame_vector(exact_vector(across), body)
+                turned = vec2(Real(exact[0]), Real(exact[1]))
+            penetration, normal = crown_gap(height, facing, turned, curvature, guide.back_radius)
+            if not is_bar:
+                normal = rotated_vector(normal, Real(body.cosine), Real(body.sine))
+            is_over = ((over >> wp.uint64(i - run.low)) & wp.uint64(1)) != wp.uint64(0)
+            depth, z = back_contact(wp.where(is_over, penetration, Real(AWAY)), normal, u, across, link.length, guide)
+            before = wp.where(is_over, access.load(contacts, row.v0_before + i), Real(UNTOUCHED))
+            access.store(contacts, row.v0_before + i, before)
+            depth = guides.face_penetration(contacts, i, depth, guide)
+            contact_rows.store_place(contacts, i, depth, normal, z, point_mobility(z, normal, link.length))
+            arm = motions.arm_of_middle(w, i, link, Real(1.0), body)
+            motions.store_motion(contacts, i, arm, z, link, body, memory)
+            i = i + 1
 
     @wp.func
     def find_back_contacts(
@@ -104,22 +137,18 @@ def back_functions(Real: type, capacity: int) -> BackFunctions:
     ):
         """Stores the contacts of the backs after a group's pins with a guide."""
         link_runs.recall_contacts(w, run, 1, memory)
-        c = int(0)
-        while c < access.whole_vectors(run.count):
-            i = run.low + c
-            near = c < run.count and is_near(group, i)
-            before = wp.where(near, access.load(w, row.v0_before + c), Real(UNTOUCHED))
-            access.store(w, row.v0_before + c, before)
-            access.store(w, row.v0_open + c, Real(UNTOUCHED))
-            access.store(w, row.penetration + c, Real(AWAY))
-            access.store(w, row.point_mobility + c, Real(0.5))
-            c = c + 1
-        partner.guide = back_guide(partner.guide)
+        guide, body = back_guide(partner.guide), partner.pose
+        over = wp.uint64(0)
         bits = group.near
         while bits != wp.uint64(0):
             i = group.first + lowest_bit(bits)
-            store_back_contact(w, i, i - run.low, side, partner, pieces, memory)
+            if find_facing(w, i, i - run.low, side, guide, body, pieces, memory):
+                over = over | single_bit(i - run.low)
             bits = without_lowest_bit(bits)
+        if guide.pieces == 0:
+            store_back_contacts(w, run, over, side, guide, body, True, memory)
+        else:
+            store_back_contacts(w, run, over, side, guide, body, False, memory)
 
     @wp.func(inline=False)
     def add_run_of_backs(

@@ -70,8 +70,11 @@ def crown_gap(height: Any, facing: Any, w: Any, curvature: Any, radius: Any):
 
 
 @wp.func
-def crown_bar_contact(p: Any, w: Any, guide: Any):
-    """Penetration [m] and normal of a crown on a guide-bar; `p` is its top from the bar's start [m]."""
+def crown_over_bar(p: Any, w: Any, guide: Any):
+    """Height [m], normal and curvature [1/m] of a guide-bar at a crown's top, and whether the bar is under it.
+
+    `p` is the top from the bar's start [m].
+    """
     length, radius, zero = guide.length, guide.back_radius, type(guide.length)(0.0)
     t = leading_value(guide.direction)
     face = type(w)(type(length)(t[0]), type(length)(t[1]))
@@ -85,8 +88,30 @@ def crown_bar_contact(p: Any, w: Any, guide: Any):
         facing = type(w)(beyond / distance, above / distance)
         height = distance - guide.end_radius
         curvature = type(length)(-1.0) / guide.end_radius
-    penetration, normal = crown_gap(height, rotated_vector(face, facing[0], facing[1]), w, curvature, radius)
-    return wp.where(type(length)(y) > -guide.end_radius, penetration, type(length)(AWAY)), normal
+    return height, rotated_vector(face, facing[0], facing[1]), curvature, type(length)(y) > -guide.end_radius
+
+
+@wp.func
+def crown_bar_contact(p: Any, w: Any, guide: Any):
+    """Penetration [m] and normal of a crown on a guide-bar; `p` is its top from the bar's start [m]."""
+    height, facing, curvature, is_over = crown_over_bar(p, w, guide)
+    penetration, normal = crown_gap(height, facing, w, curvature, guide.back_radius)
+    return wp.where(is_over, penetration, type(guide.length)(AWAY)), normal
+
+
+@wp.func
+def crown_over_piece(q: Any, center: Any, w: Any, number: int, guide: Any, pieces: Any):
+    """Height [m], normal and curvature [1/m] of a guide's piece at a crown's top, and whether it is under that.
+
+    All is in the frame of the guide's body; `q` is the crown's top and `center` its center [m].
+    """
+    length = guide.length
+    x, y, bend = piece_coordinates(q, guide.first_piece + number, pieces)
+    height, along, across = piece_height(type(length)(x), type(length)(y), type(length)(bend))
+    t = leading_value(load_constant(pieces, guide.first_piece + number).direction)
+    facing = rotated_vector(type(w)(type(length)(t[0]), type(length)(t[1])), along, across)
+    is_over = piece_step(center, number, guide.first_piece, pieces) == 0 and height > -guide.end_radius
+    return height, facing, type(length)(bend), is_over
 
 
 @wp.func
@@ -95,14 +120,9 @@ def crown_piece_contact(q: Any, center: Any, w: Any, number: int, guide: Any, pi
 
     All is in the frame of the guide's body; `q` is the crown's top [m].
     """
-    length = guide.length
-    x, y, bend = piece_coordinates(q, guide.first_piece + number, pieces)
-    height, along, across = piece_height(type(length)(x), type(length)(y), type(length)(bend))
-    t = leading_value(load_constant(pieces, guide.first_piece + number).direction)
-    facing = rotated_vector(type(w)(type(length)(t[0]), type(length)(t[1])), along, across)
-    penetration, normal = crown_gap(height, facing, w, type(length)(bend), guide.back_radius)
-    is_under = piece_step(center, number, guide.first_piece, pieces) == 0 and height > -guide.end_radius
-    return wp.where(is_under, penetration, type(length)(AWAY)), normal
+    height, facing, curvature, is_over = crown_over_piece(q, center, w, number, guide, pieces)
+    penetration, normal = crown_gap(height, facing, w, curvature, guide.back_radius)
+    return wp.where(is_over, penetration, type(guide.length)(AWAY)), normal
 
 
 @wp.func
