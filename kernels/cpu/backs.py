@@ -55,7 +55,7 @@ def back_functions(Real: type, capacity: int) -> BackFunctions:
     def find_facing(
         w: wp.array[Real],
         i: int,
-        c: int,
+        run: LinkRun,
         side: Real,
         guide: kinds.Guide,
         body: Pose,
@@ -64,7 +64,7 @@ def back_functions(Real: type, capacity: int) -> BackFunctions:
     ):
         """Tracks the piece of a guide under the crown of link `i`; returns whether there is one.
 
-        Its height, normal and curvature there stay in contact c's rows of penetration, normal and mobility.
+        Its height, normal and curvature there stay in its contact's rows of penetration, normal and mobility.
         """
         u = vec2(access.load(w, row.link_ux + i + 1), access.load(w, row.link_uy + i + 1))
         across = wheelward_normal(u, side)
@@ -78,10 +78,11 @@ def back_functions(Real: type, capacity: int) -> BackFunctions:
             number = tracked_piece(center, seat_access.load(memory.seat, memory.first + i), guide, pieces)
             seat_access.store(memory.seat, memory.first + i, number)
             height, facing, curvature, is_over = crown_over_piece(q, center, u, number, guide, pieces)
-        access.store(w, row.penetration + c, height)
-        access.store(w, row.normal_x + c, facing[0])
-        access.store(w, row.normal_y + c, facing[1])
-        access.store(w, row.point_mobility + c, curvature)
+        contacts, c = access.shifted_rows(w, run.rows), i - run.low
+        access.store(contacts, row.penetration + c, height)
+        access.store(contacts, row.normal_x + c, facing[0])
+        access.store(contacts, row.normal_y + c, facing[1])
+        access.store(contacts, row.point_mobility + c, curvature)
         return is_over
 
     @wp.func(inline=True)
@@ -96,7 +97,7 @@ def back_functions(Real: type, capacity: int) -> BackFunctions:
         memory: Memory,
     ):
         """Stores contacts of a run's backs with a guide, bits `over` of them over it, after `find_facing`."""
-        contacts = access.shifted_rows(w, -run.low)
+        contacts = access.shifted_rows(w, run.rows - run.low)
         high = run.low + access.whole_vectors(run.count)
         i = run.low
         while i < high:
@@ -142,7 +143,7 @@ def back_functions(Real: type, capacity: int) -> BackFunctions:
         bits = group.near
         while bits != wp.uint64(0):
             i = group.first + lowest_bit(bits)
-            if find_facing(w, i, i - run.low, side, guide, body, pieces, memory):
+            if find_facing(w, i, run, side, guide, body, pieces, memory):
                 over = over | single_bit(i - run.low)
             bits = without_lowest_bit(bits)
         if guide.pieces == 0:
@@ -174,7 +175,7 @@ def back_functions(Real: type, capacity: int) -> BackFunctions:
             if partner.body != GROUND:
                 memory.straight = vec2(Real(partner.pose.straight[0]), Real(partner.pose.straight[1]))
                 memory.angular = Real(partner.pose.angular)
-            links = link_runs.link_run(group.first, group.near)
+            links = link_runs.link_run(drive, group.first, group.near)
             find_back_contacts(w, links, group, ensemble.plates[place].side, partner, ensemble.pieces, memory)
             friction = partners.friction_of_partner(ensemble, drive, p)
             slot = drive.first_sprocket + drive.first_guide + p

@@ -1,6 +1,7 @@
 """Links of a silent chain that may touch one partner, and what their contacts keep for the next step.
 
-The contact of end k of the link at pin `low` + j of a run has number k `GROUP` + j in rows of contacts.
+The contact of end k of the link at pin `low` + j of a run has number k `GROUP` + j in rows of contacts. These are apart
+from those of pins: where a loop reads one and writes the other, compilers check at run time that they are.
 """
 
 from dataclasses import dataclass
@@ -21,6 +22,7 @@ class LinkRun:
 
     low: wp.int32  # the first
     count: wp.int32
+    rows: wp.int32  # where rows of contacts begin
 
 
 @dataclass(frozen=True)
@@ -71,9 +73,10 @@ def link_run_functions(Real: type, capacity: int) -> LinkRunFunctions:
         return copy_pushes
 
     @wp.func
-    def link_run(first: int, bits: wp.uint64):
+    def link_run(drive: Drive, first: int, bits: wp.uint64):
         """Pins from the lowest to the highest of `bits`, from `first` on; none of 0."""
         run = LinkRun()
+        run.rows = contact_rows.push_row(drive, contact_rows.link_contacts(drive))
         if bits != wp.uint64(0):
             low, end = lowest_bit(bits), highest_bit(bits) + 1
             low = wp.min(low, GROUP - access.whole_vectors(end - low))  # whole vectors without the next run's pins
@@ -85,17 +88,17 @@ def link_run_functions(Real: type, capacity: int) -> LinkRunFunctions:
     def recall_contacts(w: wp.array[Real], run: LinkRun, ends: int, memory: Memory):
         """Copies what a run's contacts have kept to their rows."""
         pitch, count = wp.static(capacity), access.whole_vectors(run.count)
-        access.copy_rows(w, memory.speed_row + run.low, pitch, row.v0_before, GROUP, ends, count)
-        access.copy_rows(w, memory.push_row + run.low, pitch, row.pushed, GROUP, ends, count)
-        access.copy_rows(w, memory.damper_row + run.low, pitch, row.held, GROUP, ends, count)
+        access.copy_rows(w, memory.speed_row + run.low, pitch, run.rows + row.v0_before, GROUP, ends, count)
+        access.copy_rows(w, memory.push_row + run.low, pitch, run.rows + row.pushed, GROUP, ends, count)
+        access.copy_rows(w, memory.damper_row + run.low, pitch, run.rows + row.held, GROUP, ends, count)
 
     @wp.func
     def keep_contacts(w: wp.array[Real], run: LinkRun, ends: int, memory: Memory):
         """Copies what a run's contacts keep from their rows."""
         pitch, count = wp.static(capacity), access.whole_vectors(run.count)
-        access.copy_rows(w, row.v0_kept, GROUP, memory.speed_row + run.low, pitch, ends, count)
-        access.copy_rows(w, row.force_size, GROUP, memory.push_row + run.low, pitch, ends, count)
-        access.copy_rows(w, row.damper_speed, GROUP, memory.damper_row + run.low, pitch, ends, count)
+        access.copy_rows(w, run.rows + row.v0_kept, GROUP, memory.speed_row + run.low, pitch, ends, count)
+        access.copy_rows(w, run.rows + row.force_size, GROUP, memory.push_row + run.low, pitch, ends, count)
+        access.copy_rows(w, run.rows + row.damper_speed, GROUP, memory.damper_row + run.low, pitch, ends, count)
 
     return LinkRunFunctions(
         fetch_pushes=push_function(True),

@@ -12,6 +12,7 @@ from ..native import row_access
 from ..physics.contact import reaction_moment
 from ..physics.toe import ENDS, force_on_far_pin
 from ..structs import types
+from .link_runs import LinkRun
 from .neighbor_list import GROUP, lowest_bit, without_lowest_bit
 from .rollers import roller_functions, rows
 
@@ -54,11 +55,11 @@ def pin_force_functions(Real: type, capacity: int) -> PinForceFunctions:
         """Function that adds the forces of contacts of `ends` ends of links."""
 
         @wp.func
-        def add_to_pins(w: wp.array[Real], low: int, count: int):
-            """Adds contact forces to rows of `count` pins from `low` on, and stores their moments on the partner."""
-            contacts = access.shifted_rows(w, -low)
-            i = low
-            while i < low + count:
+        def add_to_pins(w: wp.array[Real], run: LinkRun, count: int):
+            """Adds contact forces to rows of `count` pins of a run, and stores their moments on the partner."""
+            contacts = access.shifted_rows(w, run.rows - run.low)
+            i = run.low
+            while i < run.low + count:
                 for end in range(wp.static(ends)):
                     to_x, to_y = row.next_x + 1 + i, row.next_y + 1 + i
                     if end > 1:

@@ -18,9 +18,8 @@ from ..structs import types
 class Rows:
     """First index of each row of a CPU scratch, in order.
 
-    Rows of contacts, from `arm_x` on, lie after all of rollers: where a loop reads these and writes those, compilers
-    check at run time that they are apart. A row that a loop writes at i is not within two rows after one read at i + 1,
-    as compilers would take narrower vectors.
+    A silent chain has as many more, after contacts' memory, for its links' contacts (`link_runs`). A row that a loop
+    writes at i is not within two rows after one read at i + 1, as compilers would take narrower vectors.
     """
 
     x: int  # position [m]
@@ -55,7 +54,7 @@ class Rows:
     sum_y: int
     sum_vx: int
     sum_vy: int
-    odd_ends: int  # of a silent chain at the wheel at hand: bits of flank ends that are worked out apart, as few are
+    v0_before: int  # of contacts with the partner at hand (`contact_rows`): v0 until now [m/s]
     near: int  # 1: near the partner at hand, else 0
     piece: int  # of the profile at hand that the roller is over, else -1
     direction_owner: int  # the sprocket of the drive to a seat of which the direction below belongs, else -1
@@ -68,6 +67,26 @@ class Rows:
     lateral: int
     outward_x: int  # that direction
     outward_y: int
+    arm_x: int  # the roller from the center of the partner's body [m]
+    arm_y: int
+    penetration: int  # [m], at the instant and then in the mean of the step (`contact.normal_force`)
+    normal_x: int  # towards the roller
+    normal_y: int
+    relative_x: int  # velocity of the partner's material point less the roller's [m/s]
+    relative_y: int
+    v0_open: int  # memory if there is no contact [m/s]
+    v0_kept: int  # memory from now on [m/s]
+    damper_speed: int  # at which the damper acted in the step before, then acts [m/s]
+    force_x: int  # force on the roller [N]
+    force_y: int
+    force_size: int  # of the normal force [N]
+    mu: int  # coefficient of friction [-]
+    bristle: int  # force that friction's bristle holds [N]
+    friction_x: int  # friction [N]
+    friction_y: int
+    reaction: int  # on the partner's body [N m]
+    damper_power: int  # that contacts take without friction [W]
+    friction_power: int  # power of friction [W]
     tension_min: int  # of links since their tallies were merged: least and greatest tension [N]
     tension_max: int
     rate_squares: int  # weighted sum of squares of rates of elongation
@@ -92,31 +111,6 @@ class Rows:
     middle_vy: int
     middle_ax: int  # acceleration of that [m/s^2]
     middle_ay: int
-    next_x: int  # of pin i at i + 1: and on the next pin, by the link between
-    next_y: int
-    last_x: int  # of pin i at i + 1: and on the pin before
-    last_y: int
-    arm_x: int  # the roller from the center of the partner's body [m]
-    arm_y: int
-    penetration: int  # [m], at the instant and then in the mean of the step (`contact.normal_force`)
-    normal_x: int  # towards the roller
-    normal_y: int
-    relative_x: int  # velocity of the partner's material point less the roller's [m/s]
-    relative_y: int
-    v0_open: int  # memory if there is no contact [m/s]
-    v0_kept: int  # memory from now on [m/s]
-    damper_speed: int  # at which the damper acted in the step before, then acts [m/s]
-    force_x: int  # force on the roller [N]
-    force_y: int
-    force_size: int  # of the normal force [N]
-    mu: int  # coefficient of friction [-]
-    bristle: int  # force that friction's bristle holds [N]
-    friction_x: int  # friction [N]
-    friction_y: int
-    reaction: int  # on the partner's body [N m]
-    damper_power: int  # that contacts take without friction [W]
-    friction_power: int  # power of friction [W]
-    v0_before: int  # of contacts with the partner at hand (`contact_rows`): v0 until now [m/s]
     place_x: int  # of the contact at hand from its link's middle [m]
     place_y: int
     more_x: int  # acceleration of its relative velocity [m/s^2]
@@ -125,6 +119,11 @@ class Rows:
     exception: int  # 1: it is worked out apart, as few are
     held: int  # speed at which its damper acted then [m/s]
     point_mobility: int  # inverse mass along its normal over a roller's [-]
+    odd_ends: int  # bits of a pin's flank ends whose contacts with the wheel at hand are worked out apart, as few are
+    next_x: int  # of pin i at i + 1: and on the next pin, by the link between
+    next_y: int
+    last_x: int  # of pin i at i + 1: and on the pin before
+    last_y: int
 
 
 ROWS = tuple(field.name for field in fields(Rows))

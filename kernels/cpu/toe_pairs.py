@@ -77,13 +77,14 @@ def toe_pair_functions(Real: type, capacity: int) -> ToePairFunctions:
             measured = memory.wanted.measures != 0
             rubs = friction.inertia > Real(0.0)
             count = access.whole_vectors(run.count)
-            find_normal_forces(w, count, law, memory)
+            contacts = access.shifted_rows(w, run.rows)
+            find_normal_forces(contacts, count, law, memory)
             end = wp.where(rubs, 0, wp.static(ends))
             while end < wp.static(ends):
                 group = neighbor_list.whole_group(end * GROUP, end * GROUP + count)
-                add_friction(w, group, end * n + run.low - group.low, friction, memory)
+                add_friction(contacts, group, end * n + run.low - group.low, friction, memory)
                 end = end + 1
-            add_to_pins(w, run.low, count)
+            add_to_pins(w, run, count)
             if memory.stage == 0:
                 link_runs.keep_contacts(w, run, wp.static(ends), memory)
             end = int(0)
@@ -91,16 +92,16 @@ def toe_pair_functions(Real: type, capacity: int) -> ToePairFunctions:
                 group = neighbor_list.whole_group(end * GROUP, end * GROUP + run.count)
                 if measured:
                     whole = neighbor_list.whole_group(group.low, group.low + count)
-                    began = toe_forces.find_powers(w, whole, law, rubs, memory)
-                    contact_sums.add_measured_totals(w, group, law, friction, memory.wanted, totals, slot)
+                    began = toe_forces.find_powers(contacts, whole, law, rubs, memory)
+                    contact_sums.add_measured_totals(contacts, group, law, friction, memory.wanted, totals, slot)
                     if began != 0:
-                        totals[slot].impacts += contact_sums.count_beginning(w, group)
+                        totals[slot].impacts += contact_sums.count_beginning(contacts, group)
                         if wp.static(on_teeth):
-                            totals[slot].contacts += teeth.count_first_contacts(w, group)
+                            totals[slot].contacts += teeth.count_first_contacts(contacts, group)
                 else:
-                    contact_sums.add_totals(w, group, totals, slot, False, False)
+                    contact_sums.add_totals(contacts, group, totals, slot, False, False)
                 if memory.wanted.sizes != 0:
-                    contact_rows.add_force_sizes(w, group, wp.static(sizes) + run.low - group.low)
+                    contact_rows.add_force_sizes(contacts, group, wp.static(sizes) - run.rows + run.low - group.low)
                 end = end + 1
 
         return add_contact_forces
@@ -136,7 +137,7 @@ def toe_pair_functions(Real: type, capacity: int) -> ToePairFunctions:
         partner = partners.sprocket_partner(ensemble, state, drive, p)
         memory.speed_row = contact_rows.speed_row(drive, p * ENDS)
         group = near_rollers.find_gap_contacts(w, ensemble, first, first + count, n, partner, memory)
-        links = toes.seated_run(w, group, p)
+        links = toes.seated_run(w, drive, group, p)
         if links.count > 0:
             friction = partners.friction_of_partner(ensemble, drive, p)
             pose = state.poses[drive.first_body + p]

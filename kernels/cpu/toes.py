@@ -11,7 +11,7 @@ import warp as wp
 from ..native import products, row_access
 from ..physics.contact import AWAY, memory_after_teeth
 from ..physics.toe import ENDS, point_mobility, seated_toe_contact, toe_contact
-from ..structs import Pose, types
+from ..structs import Drive, Pose, types
 from .contact_rows import contact_row_functions
 from .link_motions import link_motion_functions
 from .link_runs import LinkRun, link_run_functions
@@ -56,6 +56,7 @@ def toe_functions(Real: type, capacity: int) -> ToeFunctions:
     @wp.func
     def mend_toes(w: wp.array[Real], run: LinkRun, plate: Plate, sprocket: Sprocket, body: Pose, memory: Memory):
         """Stores the contacts of the few arcs that are not on the flank that they face."""
+        contacts = access.shifted_rows(w, run.rows)
         pins = access.find_unlike(w, row.odd_ends + run.low, run.count, Real(0.0))
         while pins != wp.uint64(0):
             i = run.low + lowest_bit(pins)
@@ -72,25 +73,25 @@ def toe_functions(Real: type, capacity: int) -> ToeFunctions:
                     depth, n, z = toe_contact(xi, lateral, u, link.length, end % 2, after, plate, sprocket)
                     arm = links.arm_of_middle(w, i, link, sign, body)
                     c = i - run.low + end * GROUP
-                    z = store_toe(w, c, outward, depth, n, z, link.length)
-                    links.store_motion(w, c, arm, z, link, body, memory)
+                    z = store_toe(contacts, c, outward, depth, n, z, link.length)
+                    links.store_motion(contacts, c, arm, z, link, body, memory)
                 end = end + 1
             pins = without_lowest_bit(pins)
 
     @wp.func
-    def seated_run(w: wp.array[Real], group: Group, number: int):
+    def seated_run(w: wp.array[Real], drive: Drive, group: Group, number: int):
         """Pins of a group from the first to the last with a seat in wheel `number`."""
         count = group.high - group.first
         others = access.find_unlike(w, row.direction_owner + group.first, count, Real(number))
         seated = ~others & (~wp.uint64(0) >> wp.uint64(64 - wp.max(count, 1)))
-        return link_runs.link_run(group.first, wp.where(count > 0, seated, wp.uint64(0)))
+        return link_runs.link_run(drive, group.first, wp.where(count > 0, seated, wp.uint64(0)))
 
     @wp.func
     def find_contacts(
         w: wp.array[Real], run: LinkRun, plate: Plate, sprocket: Sprocket, body: Pose, number: int, memory: Memory
     ):
         """Stores contacts of all flank ends with wheel `number` at a run's pins; gap coordinates are in their rows."""
-        contacts = access.shifted_rows(w, -run.low)
+        contacts = access.shifted_rows(w, run.rows - run.low)
         last, high = run.low + run.count, run.low + access.whole_vectors(run.count)
         link_runs.recall_contacts(w, run, int(ENDS), memory)
         odd = int(0)

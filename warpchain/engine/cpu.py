@@ -195,7 +195,8 @@ def _contact_rows(packed: PackedEnsemble) -> int:
     drives = packed.drives
     silent = drives["points"] > 1
     links = silent * (drives["sprockets"] * drives["points"] + drives["guides"] // 2)
-    return int((drives["sprockets"] * drives["points"] + drives["guides"] + 2 * links).max())
+    own = drives["sprockets"] * drives["points"] + drives["guides"] + 2 * links
+    return int((own + silent * SCRATCH_ROWS).max())
 
 
 def _row_capacity(packed: PackedEnsemble) -> int:
