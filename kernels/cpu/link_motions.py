@@ -1,4 +1,4 @@
-"""Motions of a silent chain's links, and of their contacts' places against a partner's body."""
+"""Motions of a silent chain's links, and of their contacts."""
 
 from dataclasses import dataclass
 from functools import cache
@@ -25,7 +25,7 @@ class LinkMotionFunctions:
 
 @cache
 def link_motion_functions(Real: type, capacity: int) -> LinkMotionFunctions:
-    """CPU functions of links' motions, for rows of `capacity` values of type `Real`."""
+    """CPU functions of links' motions, for rows of `capacity` values."""
     kinds = types(Real)
     Chain, Memory, vec2 = kinds.Chain, kinds.Memory, kinds.vec2
     row = rows(capacity)

@@ -1,7 +1,7 @@
 """Links of a silent chain that may touch one partner, and what their contacts keep for the next step.
 
-The contact of end k of the link at pin `low` + j of a run has number k `GROUP` + j in rows of contacts. These are apart
-from those of pins: where a loop reads one and writes the other, compilers check at run time that they are.
+The contact of end k of the link at pin `low` + j of a run has number k `GROUP` + j in rows of contacts. These are
+apart from rows of pins, as compilers check at run time.
 """
 
 from dataclasses import dataclass

@@ -29,7 +29,7 @@ class PinForceFunctions:
 
 @cache
 def pin_force_functions(Real: type, capacity: int) -> PinForceFunctions:
-    """CPU functions of forces on pins, for rows of `capacity` values of type `Real`."""
+    """CPU functions of forces on pins, for rows of `capacity` values."""
     kinds = types(Real)
     Memory, vec2 = kinds.Memory, kinds.vec2
     row = rows(capacity)
@@ -75,7 +75,7 @@ def pin_force_functions(Real: type, capacity: int) -> PinForceFunctions:
 
     @wp.func
     def clear_rows(w: wp.array[Real], n: int):
-        """Zeroes the rows of forces of one wheel, or of guides, at `n` pins and of one more on pins beside."""
+        """Zeroes the rows of forces of one wheel, or of guides, at `n` pins."""
         whole = access.whole_vectors(n + 1)
         rollers.clear_rows(w, row.near_x, row.near_y, whole)
         rollers.clear_rows(w, row.next_x, row.next_y, whole)

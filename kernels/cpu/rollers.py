@@ -18,8 +18,8 @@ from ..structs import types
 class Rows:
     """First index of each row of a CPU scratch, in order.
 
-    A silent chain has as many more, after contacts' memory, for its links' contacts (`link_runs`). A row that a loop
-    writes at i is not within two rows after one read at i + 1, as compilers would take narrower vectors.
+    A silent chain has as many more for contacts of links, after contacts' memory. A row written at i is not within two
+    rows after one read at i + 1: vectors would be narrower.
     """
 
     x: int  # position [m]
@@ -116,10 +116,9 @@ class Rows:
     more_x: int  # acceleration of its relative velocity [m/s^2]
     more_y: int
     pushed: int  # force that it exerted in the step before [N]
-    exception: int  # 1: it is worked out apart, as few are
+    exception: int  # 1: it is worked out apart, as few are; in a pin's row bits of such flank ends
     held: int  # speed at which its damper acted then [m/s]
     point_mobility: int  # inverse mass along its normal over a roller's [-]
-    odd_ends: int  # bits of a pin's flank ends whose contacts with the wheel at hand are worked out apart, as few are
     next_x: int  # of pin i at i + 1: and on the next pin, by the link between
     next_y: int
     last_x: int  # of pin i at i + 1: and on the pin before

@@ -57,12 +57,12 @@ def toe_functions(Real: type, capacity: int) -> ToeFunctions:
     def mend_toes(w: wp.array[Real], run: LinkRun, plate: Plate, sprocket: Sprocket, body: Pose, memory: Memory):
         """Stores the contacts of the few arcs that are not on the flank that they face."""
         contacts = access.shifted_rows(w, run.rows)
-        pins = access.find_unlike(w, row.odd_ends + run.low, run.count, Real(0.0))
+        pins = access.find_unlike(w, row.exception + run.low, run.count, Real(0.0))
         while pins != wp.uint64(0):
             i = run.low + lowest_bit(pins)
             xi, lateral = access.load(w, row.radial + i), access.load(w, row.lateral + i)
             outward = vec2(access.load(w, row.outward_x + i), access.load(w, row.outward_y + i))
-            ends = int(access.load(w, row.odd_ends + i))
+            ends = int(access.load(w, row.exception + i))
             end = int(0)
             while end < ENDS:
                 if (ends >> end) & 1 != 0:
@@ -119,7 +119,7 @@ def toe_functions(Real: type, capacity: int) -> ToeFunctions:
                     before = wp.where(seated, access.load(contacts, row.v0_before + c), Real(0.0))
                     access.store(contacts, row.v0_before + c, before)
                     access.store(contacts, row.v0_open + c, memory_after_teeth(before))
-            access.store(w, row.odd_ends + i, Real(ends))
+            access.store(w, row.exception + i, Real(ends))
             odd = odd | ends
             i = i + 1
         if odd != 0:

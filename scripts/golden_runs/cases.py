@@ -44,6 +44,15 @@ def run_example(name: str, _: Path) -> Run:
     return run_on_one_core(drive, duration=length, window=(0.25 * length, length), record=Record(rate=50.0 / length))
 
 
+def run_silent_chains(_: Path) -> dict[str, Run]:
+    """Silent chains on wheels and guides, one of them to full torque and back, in both precisions."""
+    drives = [example_drive(name) for name in ("silent_timing", "transfer_case")]
+    return {
+        precision: run_on_one_core(drives, precision=precision, duration=0.004, window=(0.001, 0.004))
+        for precision in ("float64", "float32")
+    }
+
+
 def run_laws(_: Path) -> Run:
     """Every law with every exponent and profile, and one restitution that means the rebound."""
     drives = [two_sprockets({"contact.sprocket.restitution_means": "rebound"})]
@@ -235,6 +244,7 @@ CASES: dict[str, Callable[[Path], Any]] = {
         name: partial(run_example, name)
         for name in ("marine", "engine", "industrial", "motorcycle", "swing_idler", "v6")
     },
+    "silent": run_silent_chains,
     "laws": run_laws,
     "guides": run_guides,
     "mounts": run_mounts,
