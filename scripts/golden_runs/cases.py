@@ -20,7 +20,7 @@ from golden_runs import blocks as golden_blocks
 from golden_runs.drives import ARCHIVES, DESIGNS, LAWS, LOAD, MOUNTS, PROFILES, STUDY, TABLES, WORN, run_on_one_core
 from warpchain import ArchiveOptions, Record, Run
 from warpchain.assembly.fitting import fit_links, fit_position
-from warpchain.assembly.summary import derive
+from warpchain.assembly.summary import derived_quantities
 from warpchain.assembly.timestep import automatic_step, resolve_step, step_limit
 from warpchain.cli import main as command_line
 from warpchain.drive.examples import example_names
@@ -120,7 +120,7 @@ def setup_quantities(folder: Path) -> dict[str, Any]:
         "iso": two_sprockets(PROFILES["maximum"]),
     }
     for name, drive in drives.items():
-        found[name] = {"assembly": warpchain.assemble(drive), "derived": derive(drive)}
+        found[name] = {"assembly": warpchain.assemble(drive), "derived": derived_quantities(drive)}
         found[name]["steps"] = [step_limit(drive), automatic_step(drive)]
         found[name]["teeth"] = [outlines.tooth_outline(Model(drive).chain, s) for s in range(len(drive.sprockets))]
         found[name]["guides"] = [outlines.guide_outline(Model(drive).chain, g) for g in range(len(drive.guides))]

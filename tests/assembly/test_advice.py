@@ -9,7 +9,7 @@ from drives import SPRUNG, example, timing, two_sprockets, with_bar
 from warpchain import loads_drive
 from warpchain.assembly.layout_checks import layout_advice
 from warpchain.assembly.strength import peak_tension, strength_advice, strength_values
-from warpchain.assembly.summary import derive, report
+from warpchain.assembly.summary import derived_quantities, report
 from warpchain.model import single_chain
 
 PITCH, ROLLER = 0.05, 0.015
@@ -32,7 +32,7 @@ def test_an_idler_with_few_teeth_in_mesh():
     """The marine tightener turns the chain by 18 degrees: 25 * 18 / 360 = 1.2 teeth."""
     (line,) = layout_advice(single_chain(example("marine")))
     assert line.startswith("sprockets.tightener: 1.2 teeth in mesh (18 degrees), where an idler wants 3")
-    assert f"LOOK AT {line}" in report(derive(example("marine")))
+    assert f"LOOK AT {line}" in report(derived_quantities(example("marine")))
 
 
 VENTED = {"relief": {"pressure": 4e5, "diameter": 2e-3, "stiffness": 2e4, "lift": 3e-4}, "vent": {"diameter": 1e-4}}
@@ -105,12 +105,17 @@ def test_tension_against_the_breaking_load_at_speed():
     """The motorcycle pulls 1.6 kN of 17.8; at four times the torque about 6.4, a safety of 2.8. Centrifugal force at
     five times the speed, m v^2 / p = 0.69 * 32^2 N, adds 0.7 kN of the rest."""
     drive = example("motorcycle")
-    assert layout_advice(single_chain(drive), tensions=[k["working_tension"] for k in derive(drive)["strands"]]) == ()
+    assert (
+        layout_advice(
+            single_chain(drive), tensions=[k["working_tension"] for k in derived_quantities(drive)["strands"]]
+        )
+        == ()
+    )
     assert layout_advice(single_chain(drive), tensions=[]) == ()
     (line,) = layout_advice(single_chain(drive), tensions=[100.0, 17.8e3 / 5.0])
     assert "chain: 3.56 kN at work is a safety of 5 against the breaking load of 17.8 kN, where 7 is the least" in line
     heavy = drive.with_values({"sprockets.wheel.load.torque": 4.0 * drive.sprockets[1].load.torque})
-    (line,) = [line for line in derive(heavy)["advice"] if "breaking load" in line]
+    (line,) = [line for line in derived_quantities(heavy)["advice"] if "breaking load" in line]
     assert line.startswith("chain: ")
 
 
@@ -118,8 +123,8 @@ def test_a_chain_that_runs_off_the_end_of_its_shoe():
     """`car`'s fixed guide covers 169.5 to 156.3 degrees at 0.8 m, and at work the chain lies on 23 to 159 mm; ended
     at 161 degrees the face is 8.5 degrees long, 0.8 m times 0.148 = 118.7 mm, and the chain goes beyond."""
     car = example("car")
-    assert derive(car)["advice"] == []
-    (line,) = derive(car.with_values({"guides.fixed guide.arcs.0.to": 161.0}))["advice"]
+    assert derived_quantities(car)["advice"] == []
+    (line,) = derived_quantities(car.with_values({"guides.fixed guide.arcs.0.to": 161.0}))["advice"]
     assert line.startswith("guides.fixed guide: the chain runs off its end: it lies on 23.1 to 119")
     assert "of a face of 118.7 mm, so on a rounded end of 9.53 mm radius" in line
 
@@ -127,7 +132,7 @@ def test_a_chain_that_runs_off_the_end_of_its_shoe():
 def test_a_shoe_that_never_touches():
     """The fixed guide indents its strand by up to 9 mm: moved back by 20 it is free of it."""
     away = example("car").with_values({"guides.fixed guide.arcs.0.center": (0.851728, -0.094911)})
-    (line,) = derive(away)["advice"]
+    (line,) = derived_quantities(away)["advice"]
     assert line.startswith('guides.fixed guide: never touches the chain: strand "exhaust cam->crank" passes')
 
 
@@ -143,9 +148,13 @@ def test_an_arm_at_the_free_angle_of_its_spring():
 def test_a_step_beyond_the_largest_that_keeps_a_percent():
     """The automatic step of `engine` is 3.43 us; files round it."""
     engine = example("engine")
-    (line,) = [line for line in derive(engine.with_values({"run.step": 5e-6}))["advice"] if "run.step" in line]
+    (line,) = [
+        line for line in derived_quantities(engine.with_values({"run.step": 5e-6}))["advice"] if "run.step" in line
+    ]
     assert line.startswith("run.step: 5e-06 s is 1.46 of the largest step that keeps 1 %, 3.42")
-    assert not [line for line in derive(engine.with_values({"run.step": 3.43e-6}))["advice"] if "run.step" in line]
+    assert not [
+        line for line in derived_quantities(engine.with_values({"run.step": 3.43e-6}))["advice"] if "run.step" in line
+    ]
 
 
 def test_strength_of_a_chain_at_work_and_at_its_loads_peaks():
@@ -190,7 +199,7 @@ def test_advice_names_the_first_strength_that_is_too_small():
 
 def test_check_prints_strength_with_its_sources(capsys):
     status, out, _ = command(capsys, "check", "car")
-    found = derive(example("car"))["strength"]
+    found = derived_quantities(example("car"))["strength"]
     text = "\n".join(out)
     assert status == 0 and f"static {found['static_safety']:.3g} (at least 7)" in text
     assert "from about 6.23 kN on, 70 % of the breaking load (Tsubaki)" in text

@@ -15,7 +15,7 @@ from warpchain.assembly.layout_checks import layout_faults
 from warpchain.assembly.path import path_at
 from warpchain.assembly.potential import Potential
 from warpchain.assembly.statics import at_work
-from warpchain.assembly.summary import derive, report
+from warpchain.assembly.summary import derived_quantities, report
 from warpchain.errors import DriveError
 from warpchain.model import single_chain
 from warpchain.model.oil import static_force
@@ -218,7 +218,7 @@ def test_check_tells_what_the_chain_touches():
     """On the face's circle T / R' a length over the wrapped angle b, 2 T sin(b/2) in all; frequencies are of the free
     parts, sqrt(l^2 - (R' - R)^2) each."""
     drive = two_sprockets(links=60).with_values({"contact.guide": GUIDE, "guides": [blade()]})
-    values = derive(drive)
+    values = derived_quantities(drive)
     (guide,), strand = values["guides"], values["strands"][1]
     touch, pull = guide["touch"], strand["working_tension"] - strand["centrifugal_tension"]
     wrap = touch["wrap"]
@@ -236,7 +236,7 @@ def test_check_tells_what_the_chain_touches():
 
 
 def test_check_tells_arms_and_tensioners():
-    values = derive(timing())
+    values = derived_quantities(timing())
     (arm,), (tensioner,) = values["arms"], values["tensioners"]
     drive, text = timing(), report(values)
     part = drive.tensioners[0]

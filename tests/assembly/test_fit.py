@@ -13,7 +13,7 @@ from warpchain import Record, cli, load_drive, loads_drive, simulate
 from warpchain.assembly import assemble
 from warpchain.assembly.arm_balance import chain_path
 from warpchain.assembly.fitting import fit_links, fit_position, fit_positions, fit_wrap, paths_as_drawn, strand_sag
-from warpchain.assembly.summary import derive
+from warpchain.assembly.summary import derived_quantities
 from warpchain.cli.fit_command import _fit_state_lines
 from warpchain.drive import save_drive
 from warpchain.drive.drive_text import text_with_changes
@@ -98,7 +98,7 @@ def test_preload_is_stiffness_times_elongation():
     """A link of length p (1 + T / (k p)) carries T; 1e-10 m of 0.381 m are 3e-5 N here."""
     drive = fit_position(pair(angle=0.7), "s0", (math.cos(0.7), math.sin(0.7)), preload=500.0)
     assert distance(drive) == pytest.approx(SPAN * (PITCH + 500.0 / drive.chain.stiffness), abs=3e-10)
-    assert derive(drive)["preload"] == pytest.approx(500.0, abs=1e-3)
+    assert derived_quantities(drive)["preload"] == pytest.approx(500.0, abs=1e-3)
 
 
 def test_moves_along_any_line_to_the_nearest_place():
@@ -114,7 +114,7 @@ def test_moves_along_any_line_to_the_nearest_place():
 def test_moves_back_to_where_it_was():
     """The marine tightener, moved off, finds its place for the preload it had: T = k p strain = 2470 N."""
     marine = example("marine")
-    preload = derive(marine)["preload"]
+    preload = derived_quantities(marine)["preload"]
     off = marine.with_values({"sprockets.tightener.center.0": 1.5})
     back = fit_position(off, "tightener", (1.0, 0.0), preload=preload)
     assert back.sprockets[1].center == pytest.approx(marine.sprockets[1].center, abs=1e-9)
@@ -164,7 +164,7 @@ def test_taut_strand_sags_by_its_weight_over_its_tension():
     """h = mu g C^2 / (8 T), T = k p strain: the sag's own length, 8 h^2 / (3 C^2), is 1e-3 of the strain here."""
     drive = fit_position(pair().with_values({"contact.sprocket.clearance": 0}), "s1", (1.0, 0.0), sag=4e-4)
     tension = 0.01 / PITCH * 9.81 * distance(drive) ** 2 / (8 * 4e-4)
-    assert derive(drive)["preload"] == pytest.approx(tension, rel=2e-3)
+    assert derived_quantities(drive)["preload"] == pytest.approx(tension, rel=2e-3)
 
 
 def test_links_nearest_to_the_path():
@@ -253,7 +253,7 @@ def test_file_keeps_all_but_the_center(copy, capsys):
     old, new = MARINE.read_text().splitlines(), copy.read_text().splitlines()
     (changed,) = (a for a, b in zip(old, new, strict=True) if a != b)
     assert changed.startswith("center = [1.193057, 3.0]")
-    assert derive(load_drive(copy))["preload"] == pytest.approx(5000.0, abs=0.1)
+    assert derived_quantities(load_drive(copy))["preload"] == pytest.approx(5000.0, abs=0.1)
     out = capsys.readouterr().out
     assert "preload 5000 N" in out and "(was [1.193057, 3.0])" in out and f"written: {copy}" in out
 

@@ -9,7 +9,7 @@ from layouts import Placed, drive_of, loops
 
 from warpchain.assembly.arm_balance import chain_path
 from warpchain.assembly.layout_checks import layout_faults, strand_crossing
-from warpchain.assembly.summary import derive, report
+from warpchain.assembly.summary import derived_quantities, report
 from warpchain.drive.examples import example_names
 from warpchain.errors import DriveError
 from warpchain.model import Model, single_chain
@@ -23,7 +23,7 @@ DROP = PITCH / (2.0 * math.sin(math.pi / 20))
 def test_no_example_is_told_anything(name):
     drive = example(name)
     assert all(layout_faults(chain) == () for chain in Model(drive).chains)
-    assert "LAYOUT" not in report(derive(drive))
+    assert "LAYOUT" not in report(derived_quantities(drive))
 
 
 @given(loops())
@@ -116,6 +116,6 @@ def test_a_bar_at_a_slant_is_told_only_where_it_goes_deep():
 
 def test_check_tells_the_layout():
     y = -DROP - ROLLER + 0.1
-    values = derive(with_bar((0.3, y), (0.7, y)))
+    values = derived_quantities(with_bar((0.3, y), (0.7, y)))
     assert len(values["layout"]) == 1
     assert f"LAYOUT: {values['layout'][0]}" in report(values).splitlines()

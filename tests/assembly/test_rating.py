@@ -8,7 +8,7 @@ from drives import example, two_sprockets
 
 from warpchain.assembly.frequencies import moving_frequency
 from warpchain.assembly.rating import passes_moment
-from warpchain.assembly.summary import derive, report
+from warpchain.assembly.summary import derived_quantities, report
 from warpchain.model import single_chain
 from warpchain.model.power_rating import rated_power
 
@@ -25,7 +25,7 @@ def sized(**changes):
 
 def test_the_power_of_the_load_beside_the_rated_one():
     """T w of a load of 100 N m at 10 rad/s, without preload to hide it."""
-    found = derive(sized())["rating"]
+    found = derived_quantities(sized())["rating"]
     assert found["power"] == pytest.approx(100.0 * 10.0, rel=0.01)  # the mean speed of a polygon of 20 sides
     assert found["rated_power"] == pytest.approx(rated_power("16B", 20, 10.0).least, rel=1e-12)
     assert found["use"] == found["power"] / found["rated_power"] and found["limited_by"] == "link plates"
@@ -33,8 +33,8 @@ def test_the_power_of_the_load_beside_the_rated_one():
 
 
 def test_too_much_power_is_something_to_look_at():
-    assert not [line for line in derive(sized())["advice"] if "rated for" in line]
-    (line,) = [line for line in derive(sized(torque=900.0))["advice"] if "rated for" in line]
+    assert not [line for line in derived_quantities(sized())["advice"] if "rated for" in line]
+    (line,) = [line for line in derived_quantities(sized(torque=900.0))["advice"] if "rated for" in line]
     assert (
         line.startswith("chain: passes on 8.989 kW at work, 1.82 times the 4.952 kW that it is rated for")
         and "ISO 10823, an ESTIMATE by ASME B29.1" in line
@@ -44,7 +44,7 @@ def test_too_much_power_is_something_to_look_at():
 def test_wear_by_archards_law():
     """Every joint turns by 2 pi / z on and off both sprockets, under the tensions on either side."""
     drive = sized()
-    values = derive(drive)
+    values = derived_quantities(drive)
     chain, tensions = drive.chain, [strand["working_tension"] for strand in values["strands"]]
     turned = 2.0 * math.tau / 20.0 * sum(tensions)
     circuit = chain.links * chain.pitch / values["mean_chain_speed"]
@@ -55,7 +55,7 @@ def test_wear_by_archards_law():
 def test_critical_speeds():
     """Teeth pass with the frequency that a moving string has at that speed; lengthwise that of springs and masses."""
     drive = two_sprockets(torque=1000.0)
-    values = derive(drive)
+    values = derived_quantities(drive)
     found, strands = values["critical_speeds"], {strand["name"]: strand for strand in values["strands"]}
     one, strand = found["transverse"], strands[found["transverse"]["strand"]]
     pull = strand["working_tension"] - strand["centrifugal_tension"]
@@ -75,11 +75,11 @@ def test_critical_speeds():
 def test_a_load_turns_against_a_led_driver_on_the_pulled_strand():
     """sqrt(k R^2 / (n J)) with gravity, as the slack strand gives; on both strands without."""
     drive = two_sprockets(torque=1000.0, gravity=-9.81)
-    links = {strand["links"] for strand in derive(drive)["strands"]}
+    links = {strand["links"] for strand in derived_quantities(drive)["strands"]}
     assert links == {20}
     radius = PITCH / (2.0 * math.sin(math.pi / TEETH))
     alone = math.sqrt(drive.chain.stiffness / 20.0 * radius**2 / 2.0) / math.tau
-    found = derive(drive)["critical_speeds"]["torsional"]
+    found = derived_quantities(drive)["critical_speeds"]["torsional"]
     assert found["frequency"] == pytest.approx(alone, rel=0.02) and found["strand"] == ""
 
 
@@ -87,7 +87,7 @@ def test_sag_and_what_the_hand_moves():
     """A parabola of the weight, m g L^2 / (8 p T), of a strand whose ends are up to half a link off those
     of the tangent, so that it hangs up to 5 % deeper; by hand 4/sqrt(3) of it."""
     drive = two_sprockets(torque=1000.0, gravity=-9.81).with_values({"sprockets.driven.center": (0.995, 0.0)})
-    values = derive(drive)
+    values = derived_quantities(drive)
     found = values["sag"]
     (strand,) = [strand for strand in values["strands"] if strand["name"] == found["strand"]]
     assert strand["working_tension"] == min(one["working_tension"] for one in values["strands"])
@@ -97,11 +97,11 @@ def test_sag_and_what_the_hand_moves():
     assert found["slack"] == pytest.approx(4.0 / math.sqrt(3.0) * found["sag"] / strand["length"], rel=1e-12)
     advised = [line for line in values["advice"] if "can be moved by" in line]
     assert len(advised) == (found["slack"] > 0.06) == 1
-    assert derive(two_sprockets())["sag"] is None  # without gravity
+    assert derived_quantities(two_sprockets())["sag"] is None  # without gravity
 
 
 def test_the_report_has_each_with_its_source():
-    text = report(derive(example("industrial")))
+    text = report(derived_quantities(example("industrial")))
     for line, source in (
         ("rating: ", "ISO 10823, an ESTIMATE by ASME B29.1"),
         ("  that leaves out ", "run the drive"),
@@ -114,7 +114,7 @@ def test_the_report_has_each_with_its_source():
     ):
         (found,) = [one for one in text.splitlines() if one.startswith(line)]
         assert source in found
-    assert derive(example("marine"))["rating"] is None  # no size
+    assert derived_quantities(example("marine"))["rating"] is None  # no size
 
 
 def test_sprockets_that_pass_on_a_moment():

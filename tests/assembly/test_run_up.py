@@ -10,7 +10,7 @@ from run_ups import bicycle, kart
 
 from warpchain import Drive, Record, simulate
 from warpchain.assembly.run_up import driver_run_up
-from warpchain.assembly.summary import derive, report
+from warpchain.assembly.summary import derived_quantities, report
 from warpchain.model import Model, single_chain
 from warpchain.model.stacks import stacks_of_drives
 from warpchain.model.train_speeds import driver_top_speed
@@ -28,7 +28,7 @@ def smooth_peak(drive):
 @pytest.mark.parametrize("drive", [bicycle(), kart()], ids=["bicycle", "kart"])
 def test_the_strength_line_is_what_a_run_comes_to(drive):
     # friction, the teeth's ripple and waves are not in it: from 0.9 of the run's peak to 1.5 of it
-    found = derive(drive)
+    found = derived_quantities(drive)
     smooth, row = smooth_peak(drive)
     assert 0.9 * smooth < found["strength"]["peak"] < 1.5 * smooth
     assert found["driver"]["speed"] == pytest.approx(row["driver.speed_max"], rel=0.05)
@@ -38,7 +38,7 @@ def test_what_the_motor_keeps_for_itself_the_chain_does_not_carry():
     # (a): at the hub's sprocket T R = load + J w', w' from 88 N m at the crank, less the load, on all inertias as the
     # crank sees them; rollers beside the pitch circle and the slack strand's weight are a percent
     drive = bicycle()
-    found = derive(drive)
+    found = derived_quantities(drive)
     ratio, speed = 42.0 / 16.0, found["driver"]["speed"]
     load, behind = 2.0 + 0.012 * (ratio * speed) ** 2, 11.5 + 4.2e-5
     links = drive.chain.links * drive.chain.mass * single_chain(drive).pitch_radius(0) ** 2
@@ -59,7 +59,7 @@ def test_what_the_motor_keeps_for_itself_the_chain_does_not_carry():
 def test_of_a_motors_curve_the_largest_torque_that_is_passed_counts():
     # from rest to 800 rad/s of the engine it passes 22 N m at 600; where it ends the road asks for most of what is left
     drive = kart(**{"run.duration": 10.0, "shafts.axle.load.quadratic": 0.006})
-    found = derive(drive)["strength"]
+    found = derived_quantities(drive)["strength"]
     way = found["run_up"]
     assert way["speed"] == pytest.approx(600.0, rel=5e-3)
     own = 0.003 * way["acceleration"]  # of 22 N m, which the engine itself takes
@@ -74,11 +74,14 @@ def test_a_ramp_asks_for_the_inertia_at_its_steepest():
     # 1.5 w / t at the middle of a ramp of t = 0.1 s, on 2 kg m^2, and the load with it; the centrifugal part moves the
     # hardest place a little beyond the middle
     drive = two_sprockets(ramp=0.1).with_values({"chain.size": "32B", "chain.stiffness": 5e7, "chain.pitch": 0.05})
-    found = derive(drive)["strength"]
+    found = derived_quantities(drive)["strength"]
     assert found["run_up"]["acceleration"] == pytest.approx(150.0, rel=1e-3)
     rise = 2.0 * (150.0) / single_chain(drive).pitch_radius(1)
     assert found["run_up"]["tension"] - found["working"] == pytest.approx(rise, rel=0.02)
-    assert derive(drive.with_values({"sprockets.driver.prescribed.ramp_time": 0.0}))["strength"]["run_up"] is None
+    assert (
+        derived_quantities(drive.with_values({"sprockets.driver.prescribed.ramp_time": 0.0}))["strength"]["run_up"]
+        is None
+    )
 
 
 def test_a_run_up_in_a_table_counts_as_far_as_the_run_goes():
@@ -99,7 +102,7 @@ def test_chains_behind_ask_for_their_inertia_too():
     values |= {f"chains.{name}.pitch": pitch for name, (_, pitch) in sizes.items()}
     values |= {f"chains.{name}.stiffness": 5e7 for name in sizes}
     drive = chains.two_stages().with_values({"sprockets.crank.prescribed.ramp_time": 0.1, **values})
-    found = derive(drive)["chains"]
+    found = derived_quantities(drive)["chains"]
     ways = [found[name]["strength"]["run_up"] for name in ("first", "second")]
     assert [way["acceleration"] for way in ways] == pytest.approx([150.0, 100.0], rel=1e-3)
     first, second = Model(drive).chains
@@ -114,7 +117,7 @@ def test_chains_behind_ask_for_their_inertia_too():
 
 
 def test_a_chain_that_another_leads_speeds_up_with_its_motor():
-    found = derive(chains.motored_stages())["chains"]
+    found = derived_quantities(chains.motored_stages())["chains"]
     first, second = (found[name]["driver"] for name in ("first", "second"))
     assert first["acceleration"] > 1.0
     assert second["acceleration"] == pytest.approx(20.0 / 30.0 * first["acceleration"], rel=1e-12)

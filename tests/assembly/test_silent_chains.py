@@ -21,7 +21,7 @@ from silent_chains import silent_drive
 from warpchain import Record, loads_drive, simulate
 from warpchain.assembly import assemble
 from warpchain.assembly.statics import at_work, equilibrium
-from warpchain.assembly.summary import derive
+from warpchain.assembly.summary import derived_quantities
 from warpchain.assembly.toe_energy import Wheel
 from warpchain.modal.campbell import campbell
 from warpchain.model import single_chain
@@ -36,7 +36,7 @@ def forces_on_links(drive):
     the second, tip and beginning."""
     model = single_chain(drive)
     (potential,), (x,) = equilibrium([model], [0.0], [assemble(drive)])
-    pins, centers, angles = potential.split(x)
+    pins, centers, angles = potential.parts_of_coordinates(x)
     wheel = Wheel(model, 0, 0.5 * model.sprocket_stiffness(0), 1.0)
     near, count = wheel.near_pins(pins - centers[0]), len(pins)
     found = np.zeros((count, 2, 2))
@@ -227,7 +227,7 @@ sprockets = [
 
     def power(part):
         drive = loads_drive(text.format(speed=part * best * math.tau / (23 * 9.525e-3)))
-        strand = derive(drive)["strands"][0]
+        strand = derived_quantities(drive)["strands"][0]
         return (allowed - strand["centrifugal_tension"]) * part * best
 
     below, most, above = map(power, (0.99, 1.0, 1.01))

@@ -14,7 +14,7 @@ from warpchain.assembly import assemble
 from warpchain.assembly.frequencies import moving_frequency, strand_frequency
 from warpchain.assembly.potential import Potential
 from warpchain.assembly.statics import _assembled_coordinates, _coordinate_name, _Solver, at_rest, at_work, load_moments
-from warpchain.assembly.summary import derive, report
+from warpchain.assembly.summary import derived_quantities, report
 from warpchain.model import Model, single_chain
 
 ISO = {"contact.sprocket.profile": "iso606", "contact.sprocket.gap": "maximum"} | {
@@ -64,7 +64,7 @@ def test_derivatives_by_angles_of_arms_on_arms(drive):
         potential.move_carried(x)
         solver._move_levers(x)
         terms = solver._terms(x)
-        return terms, terms.slope(solver.maps, solver.count)
+        return terms, terms.gradient_of_coordinates(solver.maps, solver.count)
 
     x = _assembled_coordinates(potential, assembly)
     x[potential.first_arm : potential.first_pivot] += 0.02
@@ -137,24 +137,24 @@ def test_examples_run_at_what_check_prints(name, step, start, end):
     drive = example(name).with_values({"run.step": step})
     (row,) = simulate(drive, record=Record("none"), duration=end, window=(start, end)).metrics.to_pylist()
     found = np.array([row[f"{strand}.tension_mean"] for strand in drive.strand_names])
-    strands = derive(drive)["strands"]
+    strands = derived_quantities(drive)["strands"]
     assert [strand["working_tension"] for strand in strands] == pytest.approx(found, abs=0.15 * found.max())
 
 
 def test_the_report_says_where_it_only_estimates():
     """Two drivers of unlike speeds lead no chain steadily."""
     drive = two_sprockets().with_values({"sprockets.driven.prescribed.speed": 11.0, "sprockets.driven.load": None})
-    values = derive(drive)
+    values = derived_quantities(drive)
     assert values["tensions_estimated"] == '"driver" and "driven" lead the chain at unlike speeds'
     assert "ESTIMATES, without seats, mounts and weight" in report(values)
     assert all(
         strand["working_tension"] > 0.0 and strand["working_displacement"] is None for strand in values["strands"]
     )
-    assert "ESTIMATES" not in report(derive(pair()))
+    assert "ESTIMATES" not in report(derived_quantities(pair()))
 
 
 def test_the_longest_chains_are_only_estimated():
-    values = derive(two_sprockets(links=2200, span=1090.02))
+    values = derived_quantities(two_sprockets(links=2200, span=1090.02))
     assert values["tensions_estimated"] == "not sought for a chain of more than 2000 links"
     assert values["standing_preload"] == pytest.approx(values["preload"])
 

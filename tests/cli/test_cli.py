@@ -16,7 +16,7 @@ from silent_chains import pulled_silent_drive
 from waiting import bytes_in, wait_for
 
 from warpchain import cli, read_archive
-from warpchain.assembly.summary import derive, strand_frequency
+from warpchain.assembly.summary import derived_quantities, strand_frequency
 from warpchain.cli.commands import _run_status_lines
 from warpchain.cli.parser import command_line_parser
 from warpchain.cli.shared_options import message_with_options
@@ -54,7 +54,7 @@ def test_derived_tensions_balance_the_loads():
     """Without weight; z links a turn: the lever is z p / (2 pi), links strained 1e-4. Four states within a tooth pitch
     average the polygon's ripple, (pi / z)^2 / 2 = 1.5e-3."""
     drive = example("marine").with_values({"run.gravity": (0.0, 0.0)})
-    slack, same, tight = derive(drive)["strands"]
+    slack, same, tight = derived_quantities(drive)["strands"]
     load = 2.0 * np.pi * (9000.0 + 50.0 * 9.53) / (57 * 0.1143)
     assert tight["working_tension"] - same["working_tension"] == pytest.approx(load, rel=2e-3)
     assert slack["working_tension"] == pytest.approx(same["working_tension"], rel=2e-3)

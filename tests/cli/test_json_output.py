@@ -12,7 +12,7 @@ from command import run as command
 from drives import example
 
 from warpchain import read_archive, simulate
-from warpchain.assembly.summary import derive, report
+from warpchain.assembly.summary import derived_quantities, report
 from warpchain.cli.json_output import check_values, json_text, run_values
 from warpchain.cli.output_schema import described_values, output_schema
 from warpchain.model import single_chain
@@ -82,7 +82,7 @@ def test_check_of_several_chains(drive):
 
 def test_angles_are_radians_where_people_read_degrees():
     drive = example("marine")
-    values = derive(drive)
+    values = derived_quantities(drive)
     seats = [sprocket["seat_angle"] for sprocket in values["sprockets"]]
     assert seats == [single_chain(drive).seat_angle(s) for s in range(3)] and max(seats) < math.pi
     assert f"{math.degrees(seats[0]):.1f} deg" in report(values)

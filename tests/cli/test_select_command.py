@@ -7,7 +7,7 @@ from command import refused
 from command import run as command
 
 from warpchain import load_drive
-from warpchain.assembly.summary import derive
+from warpchain.assembly.summary import derived_quantities
 from warpchain.drive.catalogue import CHAINS
 from warpchain.model.power_rating import rated_power
 
@@ -45,7 +45,7 @@ def test_the_drive_file_passes_check(capsys, tmp_path, words):
     status, out, err = command(capsys, "select", *ASKED, "--service", 1.3, "-o", path, *words)
     assert (status, err) == (0, []) and out[-1].startswith(f"the dynamic run beside it: warpchain run {path}")
     drive = load_drive(path)
-    found = derive(drive)["rating"]
+    found = derived_quantities(drive)["rating"]
     # the power that was asked for, without the factor; the chain's mean speed is that of its teeth
     assert found["power"] == pytest.approx(7.5e3, rel=0.005) and found["use"] <= 1.0 / 1.3 * 1.005
     assert drive.chain.size == ("12A-3" if "--size" in words else drive.chain.size)

@@ -9,7 +9,7 @@ import pytest
 from drives import errors_of
 
 from warpchain import cli
-from warpchain.assembly.summary import derive, report
+from warpchain.assembly.summary import derived_quantities, report
 from warpchain.drive import Chain, Drive, dumps_drive, loads_drive
 from warpchain.drive.catalogue import CHAINS
 from warpchain.drive.plate import PLATE_AREA, Plate
@@ -59,7 +59,7 @@ def test_a_size_gives_the_pin_radius(values):
     assert drive.chain.pin_radius == pytest.approx(22.24e-3, abs=1e-12)
     assert drive.with_values({"chain.size": "64B", "chain.stiffness": "estimate"}).chain.pin_radius == 19.7e-3
     assert drive.with_values({"chain.joint.pin_radius": 0.02}).chain.pin_radius == 0.02
-    assert "joints: friction 0.1, pins of 22.24 mm radius" in report(derive(drive))
+    assert "joints: friction 0.1, pins of 22.24 mm radius" in report(derived_quantities(drive))
 
 
 def test_pins_of_series_b_are_those_of_a_maker():
@@ -209,9 +209,11 @@ def test_bush_chains_have_one_shape():
 
 def test_check_says_what_of_a_size_is_an_estimate(values):
     drive = Drive(**sized(values, size="72B-2"))
-    text = report(derive(drive))
+    text = report(derived_quantities(drive))
     assert "an ESTIMATE of the catalogue, mass: 2 times the simplex chain's, good to a tenth" in text
-    assert "of the catalogue" not in report(derive(drive.with_values({"chain.size": "72B", "chain.stiffness": 1e9})))
+    assert "of the catalogue" not in report(
+        derived_quantities(drive.with_values({"chain.size": "72B", "chain.stiffness": 1e9}))
+    )
 
 
 def test_strands_share_the_bearing_load(values):
@@ -221,9 +223,9 @@ def test_strands_share_the_bearing_load(values):
 
 def test_check_says_that_the_stiffness_is_an_estimate(values):
     drive = Drive(**sized(values))
-    text = report(derive(drive))
+    text = report(derived_quantities(drive))
     assert "size: 72B (ISO 606), breaking load 1400 kN" in text and "N/m, an ESTIMATE" in text
-    measured = report(derive(drive.with_values({"chain.stiffness": 1.5e9})))
+    measured = report(derived_quantities(drive.with_values({"chain.stiffness": 1.5e9})))
     assert "size: 72B" in measured and "N/m, an ESTIMATE" not in measured
 
 

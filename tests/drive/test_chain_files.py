@@ -3,7 +3,7 @@
 import chains
 import pytest
 
-from warpchain.assembly.summary import derive
+from warpchain.assembly.summary import derived_quantities
 from warpchain.drive import dumps_drive, loads_drive
 from warpchain.drive.examples import drive_path
 from warpchain.errors import DriveError
@@ -206,7 +206,11 @@ def test_a_shaft_gives_what_it_has_to_its_first_sprocket():
     on_shafts = on_sprockets.with_values(values)
     assert (on_shafts.driver, Model(on_shafts).driver_speed) == (0, 10.0)
     tensions = [
-        [strand["working_tension"] for chain in derive(of)["chains"].values() for strand in chain["strands"]]
+        [
+            strand["working_tension"]
+            for chain in derived_quantities(of)["chains"].values()
+            for strand in chain["strands"]
+        ]
         for of in (on_shafts, on_sprockets)
     ]
     assert tensions[0] == pytest.approx(tensions[1], rel=1e-9)

@@ -12,7 +12,7 @@ from warpchain import Record, cli, simulate
 from warpchain.assembly.arm_balance import chain_path
 from warpchain.assembly.crossings import assemble_chains
 from warpchain.assembly.fitting import strand_sag
-from warpchain.assembly.summary import derive
+from warpchain.assembly.summary import derived_quantities
 from warpchain.drive import dumps_drive, loads_drive
 from warpchain.drive.examples import drive_path, example_names, is_example
 from warpchain.model import Model, single_chain
@@ -72,7 +72,7 @@ def test_loads_fits_and_is_checked_without_warnings(name, capsys):
         drive = load(name)
     assert all(abs(assembly.strain) < 5e-3 for assembly in assemble_chains(Model(drive)))
     assert loads_drive(dumps_drive(drive)) == drive
-    values = derive(drive)
+    values = derived_quantities(drive)
     assert values["step"] == pytest.approx(0.6 * values["step_limit"])
     for chain in values.get("chains", {"": values}).values():
         if chain["breaking_load"] is not None:

@@ -11,7 +11,7 @@ from scipy.integrate import solve_ivp
 from scipy.optimize import brentq
 
 from warpchain import Record, simulate
-from warpchain.assembly.summary import derive, report
+from warpchain.assembly.summary import derived_quantities, report
 from warpchain.assembly.timestep import highest_frequency, step_limit
 from warpchain.drive.laws import LAWS
 from warpchain.drive.stiffness import contact_rebound, rebound_ratio
@@ -156,7 +156,7 @@ def test_dampers_of_links_shorten_the_longest_step_and_those_of_contacts_do_not(
 
 
 def test_check_tells_the_rebound():
-    values = derive(drive("flores", 0.4, "rebound"))
+    values = derived_quantities(drive("flores", 0.4, "rebound"))
     assert values["law"] == "flores"
     assert values["rebound"] == pytest.approx(0.4, rel=1e-9)
     assert "teeth: flores, a free roller rebounds with 0.400" in report(values)

@@ -8,7 +8,7 @@ import pytest
 from silent_chains import pulled_silent_drive
 
 from warpchain import dumps_drive, loads_drive
-from warpchain.assembly.summary import derive, report
+from warpchain.assembly.summary import derived_quantities, report
 from warpchain.drive.catalogue import CHAINS
 from warpchain.drive.plate import PLATE_KEYS
 from warpchain.errors import DriveError
@@ -94,7 +94,7 @@ def test_wrong_values_of_plates_are_errors_of_the_drive(key, value):
 
 def test_check_speaks_of_links_and_gaps_and_rates_no_silent_chain():
     drive = sized_drive()
-    text = report(derive(drive))
+    text = report(derived_quantities(drive))
     assert "kg a link" in text and "a free link rebounds" in text and "roller rebounds" not in text
     assert "rating: none; ASME B29.1 and ISO 10823 rate roller chains only" in text
     assert "d2 by half the width" in text and "ISO 606" not in text
@@ -106,7 +106,7 @@ def test_the_pages_drive_is_that_of_its_picture():
     page = (ROOT / "docs" / "silent-chains.md").read_text()
     (text,) = re.findall(r"^```toml\n(.*?)^```", page, re.MULTILINE | re.DOTALL)
     assert text == (ROOT / "scripts" / "drawings" / "silent.toml").read_text()
-    assert derive(loads_drive(text))["layout"] == []
+    assert derived_quantities(loads_drive(text))["layout"] == []
 
 
 GUIDED = """
@@ -142,7 +142,7 @@ def test_guides_on_the_toes_are_refused_and_those_on_the_back_are_not(ends, side
 
 
 def test_check_speaks_of_pins():
-    lines = report(derive(pulled_silent_drive())).splitlines()
+    lines = report(derived_quantities(pulled_silent_drive())).splitlines()
     assert "  with it the largest forces on single pins, and what single contacts dissipate, keep 5 to 8 %" in lines
     assert lines[-1].endswith('is, because of pins on the teeth of "drive"')
 

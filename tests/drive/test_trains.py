@@ -10,7 +10,7 @@ from parts import coupling, gears, shaft
 
 from warpchain import Drive, dumps_drive, load_drive, loads_drive
 from warpchain.assembly import assemble
-from warpchain.assembly.summary import derive, report
+from warpchain.assembly.summary import derived_quantities, report
 from warpchain.assembly.timestep import moving_bodies
 from warpchain.drive.schema import NAME_TEXT
 from warpchain.drive.shafts import Motor
@@ -311,11 +311,11 @@ def test_a_gearbox_ties_in_its_first_gear():
     body = next(body for body in moving_bodies(drive) if body.name == 'coupling "cush"')
     give = 1.0 / drive.sprockets[1].inertia + 6.25 / 0.9
     assert body.rate == pytest.approx(15.0 * give, rel=1e-12)
-    (coupling,) = derive(drive)["couplings"]
+    (coupling,) = derived_quantities(drive)["couplings"]
     assert coupling["frequency"] == pytest.approx(math.sqrt(4e4 * give) / math.tau, rel=1e-12)
     assert coupling["ratios"] == [0.0, -2.5, -1.5]
     with_clutch = drive.with_values({"couplings.cush.clutch": {"table": {"time": [0.0, 0.1], "torque": [0.0, 80.0]}}})
-    found = derive(with_clutch)
+    found = derived_quantities(with_clutch)
     assert found["couplings"][0]["clutch"] == 80.0
     line = next(line for line in report(found).splitlines() if line.split()[0:1] == ["cush"])
     assert line.split()[-11:-5] == ["open,", "-2.5,", "-1.5", "80", "N", "m"]
@@ -338,14 +338,14 @@ def test_the_ground_ties_nothing():
     # speeds, static state and ratios are those without; the step's limit has k / J, and c + dC/dw beside it
     without, drive = Drive(**values()), Drive(**grounded())
     assert Model(drive).driver_speed == Model(without).driver_speed
-    assert derive(drive)["couplings"][0] == derive(without)["couplings"][0]
-    brake, backstop = derive(drive)["couplings"][1:]
+    assert derived_quantities(drive)["couplings"][0] == derived_quantities(without)["couplings"][0]
+    brake, backstop = derived_quantities(drive)["couplings"][1:]
     assert (brake["working_torque"], backstop["working_torque"]) == (0.0, 0.0)
     assert (brake["freewheel"], backstop["freewheel"]) == (False, True)
     assert brake["frequency"] == pytest.approx(math.sqrt(5e3 / 0.9) / math.tau, rel=1e-12)
     body = next(body for body in moving_bodies(drive) if body.name == 'coupling "brake"')
     assert (body.square, body.rate) == pytest.approx((5e3 / 0.9, (4.0 + 6.0) / 0.9), rel=1e-12)
-    assert "ground and driven, one way" in report(derive(drive))
+    assert "ground and driven, one way" in report(derived_quantities(drive))
     assert loads_drive(dumps_drive(drive)) == drive
 
 

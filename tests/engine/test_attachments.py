@@ -192,7 +192,7 @@ def test_settling_and_statics_weigh_each_mass():
     assert force[last, 1] - force[first - 1, 1] == pytest.approx(weight, rel=1e-5)  # settled to 1e-8 of a tension
     potential = Potential(single_chain(drive), 0.0, np.zeros(2))
     x = np.zeros(potential.size)
-    rollers, centers, angles = potential.split(x)
+    rollers, centers, angles = potential.parts_of_coordinates(x)
     rollers[:], centers[:], angles[:] = place, packed.bodies["center"], packed.bodies["angle"]
     assert np.abs(potential.terms(x).gradient[: 2 * len(place)]).max() < 1e-6 * pull.max()
 

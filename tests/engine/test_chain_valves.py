@@ -7,7 +7,7 @@ from drives import example
 from parts import part
 
 from warpchain import simulate
-from warpchain.assembly.summary import derive
+from warpchain.assembly.summary import derived_quantities
 from warpchain.errors import DriveError
 
 pytestmark = pytest.mark.filterwarnings("ignore::warpchain.errors.SuspectWarning")
@@ -67,7 +67,7 @@ def test_a_v6_with_valves(device):
         assert row[f"{cam} valves.cam_torque_max"] > 5.0 and row[f"{cam} valves.valve_float"] == 0.0
     assert abs(row["energy_residual_relative"]) < 1e-4
     assert run[0].valve_torque.shape[1] == 3
-    found = derive(drive)
+    found = derived_quantities(drive)
     assert [of["on"] for of in found["valves"]] == [*cams] and not any(
         "valves" in of for of in found["chains"].values()
     )

@@ -11,7 +11,7 @@ from parts import coupling, gears, shaft
 from raw import stepped
 
 from warpchain import Record, dumps_drive, loads_drive, simulate
-from warpchain.assembly.summary import derive
+from warpchain.assembly.summary import derived_quantities
 from warpchain.assembly.timestep import step_limit
 from warpchain.model import Model
 from warpchain.results.chains import chain_trajectories
@@ -158,7 +158,7 @@ def test_a_variant_alone_is_the_same_in_a_crowd(precision):
 
 def test_check_shares_loads_over_gears_couplings_and_chains():
     """In balance, without friction: 250 N m on the coupling; at the crank that, and the pump's load, by the ratios."""
-    values = derive(chains.geared_stages())
+    values = derived_quantities(chains.geared_stages())
     (joint,) = values["chains"]["second"]["couplings"]
     assert joint["working_torque"] == pytest.approx(250.0, rel=1e-3)
     assert joint["working_twist"] == pytest.approx(1e-3 + 250.0 / 4e4, rel=1e-3)
@@ -166,7 +166,7 @@ def test_check_shares_loads_over_gears_couplings_and_chains():
     slack, tight = (strand["working_tension"] for strand in first["strands"])
     moment = 0.5 * 250.0 + 0.5 * 2.0 * (10.0 / 3.0)
     assert (tight - slack) * first["sprockets"][1]["pitch_radius"] == pytest.approx(moment, rel=0.01)
-    (cush,) = derive(chains.cushed_stages())["chains"]["first"]["couplings"]
+    (cush,) = derived_quantities(chains.cushed_stages())["chains"]["first"]["couplings"]
     assert cush["working_torque"] == pytest.approx(0.5 * 300.0, rel=1e-3)
 
 

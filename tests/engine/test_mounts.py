@@ -8,7 +8,7 @@ from raw import chain, momenta, polygon, run, state, struck_sprocket
 
 from warpchain import Record, read_archive, simulate, write_archive
 from warpchain.assembly.arm_balance import chain_path
-from warpchain.assembly.summary import derive, report
+from warpchain.assembly.summary import derived_quantities, report
 from warpchain.assembly.timestep import automatic_step, step_limit
 from warpchain.kernels.physics.mount import FREE
 from warpchain.model import single_chain
@@ -257,13 +257,13 @@ def test_time_step_limit_counts_springs_and_dampers_of_mounts():
 
 def test_check_tells_mounts_and_wheels():
     drive = balance_shaft()
-    values = derive(drive)
+    values = derived_quantities(drive)
     (shaft,) = values["mounts"]
     assert shaft["frequencies"] == pytest.approx([np.sqrt(4e7 / 32.0) / (2 * np.pi)] * 2)
     ratio = np.sin(np.pi / 20) / np.sin(np.pi / 40)  # of the pitch radii: 40 teeth against 20
     assert shaft["wheel_force"] == pytest.approx(2.0 * 0.05 * (40.0 * ratio) ** 2)
     assert "shaft     elastic        32 kg  177.9 Hz, 177.9 Hz" in report(values)
-    assert "moving centers" not in report(derive(two_sprockets()))
+    assert "moving centers" not in report(derived_quantities(two_sprockets()))
 
 
 def test_archive_keeps_moving_centers_and_tables(tmp_path):

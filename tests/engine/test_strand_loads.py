@@ -82,7 +82,7 @@ def test_a_strand_at_rest_bears_the_goods_on_it():
     assert goods.sum() == pytest.approx(20.0 * 0.75, rel=1e-4)  # links' stretch
     potential = Potential(model, 0.0, np.zeros(2), goods=goods)
     x = np.zeros(potential.size)
-    rollers, centers, angles = potential.split(x)
+    rollers, centers, angles = potential.parts_of_coordinates(x)
     rollers[:], centers[:], angles[:] = place, packed.bodies["center"], packed.bodies["angle"]
     assert np.abs(potential.terms(x).gradient[: 2 * len(place)]).max() < 1e-6 * pull.max()
     # and so says the check: the strand's mean tension over the other one's

@@ -152,14 +152,17 @@ def test_derivatives_by_an_arm_that_carries_a_sprocket():
         potential.move_carried(other)
         solver._move_levers(other)
         terms = potential.terms(other)
-        return terms.energy, terms.slope(solver.maps, solver.count)
+        return terms.energy, terms.gradient_of_coordinates(solver.maps, solver.count)
 
     (up, above), (down, below) = moved(d), moved(-d)
     solver._move_levers(x)
     terms = potential.terms(x)
     hessian = terms.hessian(solver.maps, solver.count).toarray()
     scale = np.abs(hessian[-1]).max()
-    assert abs((up - down) / (2 * d) - terms.slope(solver.maps, solver.count)[-1]) < 1e-3 * drive.chain.stiffness * d
+    assert (
+        abs((up - down) / (2 * d) - terms.gradient_of_coordinates(solver.maps, solver.count)[-1])
+        < 1e-3 * drive.chain.stiffness * d
+    )
     assert np.abs((above - below) / (2 * d) - hessian[-1]).max() < 1e-4 * scale
     assert np.count_nonzero(hessian[-1]) > 2  # rollers press on the idler
     n = 2 * drive.chain.links

@@ -14,7 +14,7 @@ from raw import chain, run, state
 from warpchain import Record, simulate
 from warpchain.assembly import assemble
 from warpchain.assembly.arm_balance import chain_path
-from warpchain.assembly.summary import derive, report
+from warpchain.assembly.summary import derived_quantities, report
 from warpchain.drive import dumps_drive, loads_drive
 from warpchain.errors import DriveError
 from warpchain.model import single_chain
@@ -237,8 +237,8 @@ def test_worn_links_read_back_and_vary():
 
 
 def test_check_tells_the_wear():
-    values = derive(two_sprockets(span=20.2).with_values({"chain.elongation": 0.01}))
+    values = derived_quantities(two_sprockets(span=20.2).with_values({"chain.elongation": 0.01}))
     assert values["elongation"] == pytest.approx(0.01, rel=1e-9)
     assert values["sprockets"][0]["riding_radius"] == pytest.approx(1.01 * values["sprockets"][0]["pitch_radius"])
     assert "links of 50 mm, worn by 1 %" in report(values)
-    assert "worn" not in report(derive(two_sprockets()))
+    assert "worn" not in report(derived_quantities(two_sprockets()))

@@ -116,7 +116,7 @@ def pin_heights(radius):
     model = single_chain(drive)
     (energy,), (x,) = equilibrium([model], [0.0], [assemble(drive)])
     flat = radius + drive.chain.plate.back_height
-    height = np.hypot(*(energy.split(x)[0] - np.array(drive.guides[0].arcs[0].center)).T) - flat
+    height = np.hypot(*(energy.parts_of_coordinates(x)[0] - np.array(drive.guides[0].arcs[0].center)).T) - flat
     on = np.flatnonzero(np.abs(height) < 1.5e-5 / radius)
     assert len(on) >= 5 and (np.diff(on) == 1).all()
     k = on[len(on) // 2]

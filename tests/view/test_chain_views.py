@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from warpchain import read_archive, simulate
-from warpchain.assembly.summary import derive
+from warpchain.assembly.summary import derived_quantities
 from warpchain.assembly.summary import report as text_of
 from warpchain.drive.body_ties import rotation_owners
 from warpchain.errors import SimulationError
@@ -37,7 +37,7 @@ def recorded(tmp_path_factory):
 def test_check_has_each_chain_with_the_loads_that_it_passes_on():
     """The first chain pulls the second's load: T = M z3 / (z4 R2) more in its tight strand, of 300 N m."""
     drive = chains.two_stages()
-    found = derive(drive)
+    found = derived_quantities(drive)
     first = {strand["name"]: strand["working_tension"] for strand in found["chains"]["first"]["strands"]}
     radius = found["chains"]["first"]["sprockets"][1]["pitch_radius"]
     rise = first["mid in->crank"] - first["crank->mid in"]

@@ -103,10 +103,10 @@ class Assembly:
 
     def __getitem__(self, v: int) -> Assembly:
         """Assembled state of variant v of a stack."""
-        found = self.of(v)
+        found = self.pick_variants(v)
         return replace(found, strain=float(found.strain))
 
-    def of(self, variants: int | NDArray[np.int64]) -> Assembly:
+    def pick_variants(self, variants: int | NDArray[np.int64]) -> Assembly:
         """Assembled states of chosen variants of a stack."""
         return replace(self, **{field.name: getattr(self, field.name)[variants] for field in fields(self)})
 

@@ -93,7 +93,7 @@ class EnergyTerms:
         np.add.at(self.gradient, at, np.einsum("mki,mk->mi", moves, slope))
         self.add_blocks(at, blocks)
 
-    def slope(self, maps: Sequence[Map], count: int) -> Array:
+    def gradient_of_coordinates(self, maps: Sequence[Map], count: int) -> Array:
         """Gradient of the energy by `count` free coordinates."""
         found = np.zeros(count)
         for column, weight in maps:
@@ -204,7 +204,7 @@ class Potential:
         stiffness[chain.links :] = 0.0  # the absent link of an open chain
         return stiffness, np.full(chain.rollers, chain.link_play if chain.varied_links else 0.0)
 
-    def split(self, x: Array) -> tuple[Array, Array, Array]:
+    def parts_of_coordinates(self, x: Array) -> tuple[Array, Array, Array]:
         """Rollers (N, 2), centers (S, 2) and angles (S + H,) as views of coordinates."""
         n, s = 2 * self.rollers, 2 * self.sprockets
         return x[:n].reshape(-1, 2), x[n : n + s].reshape(-1, 2), x[n + s : self.first_arm]
@@ -237,7 +237,7 @@ class Potential:
 
     def move_carried(self, x: Array) -> None:
         """Moves carried pivots and sprocket centers, in coordinates x, with their arms."""
-        arms, centers = self.model.arms, self.split(x)[1]
+        arms, centers = self.model.arms, self.parts_of_coordinates(x)[1]
         for k, (own, p) in enumerate(self.hung):
             place = rotated_place(arms[p].pivot, arms[own].pivot, float(x[self.first_arm + p]))
             x[self.first_pivot + 2 * k :][:2] = place
@@ -254,7 +254,7 @@ class Potential:
 
     def tensions(self, x: Array) -> Array:
         """Tensions of the links (N,), centrifugal part included [N]."""
-        r, _, _ = self.split(x)
+        r, _, _ = self.parts_of_coordinates(x)
         d = np.roll(r, -1, axis=0) - r
         return self.link_springs(np.hypot(d[:, 0], d[:, 1]))[1]
 
@@ -312,7 +312,7 @@ class Potential:
 
         Freewheels are locked; a brake is off and a backstop overrun.
         """
-        angles, couplings = self.split(x)[2], self.model.couplings
+        angles, couplings = self.parts_of_coordinates(x)[2], self.model.couplings
         twist = np.array(
             [angles[a] - ratio * angles[b] - rest if a >= 0 else 0.0 for a, b, rest, ratio in self.couplings]
         )
@@ -335,7 +335,7 @@ class Potential:
 
     def _add_links(self, x: Array, terms: EnergyTerms) -> None:
         """Adds the energy of links."""
-        r, _, _ = self.split(x)
+        r, _, _ = self.parts_of_coordinates(x)
         n = self.rollers
         d = np.roll(r, -1, axis=0) - r
         length = np.hypot(d[:, 0], d[:, 1])
@@ -357,7 +357,7 @@ class Potential:
         if self.model.chain.is_silent:
             self._add_toes(x, s, terms)
             return
-        r, centers, angles = self.split(x)
+        r, centers, angles = self.parts_of_coordinates(x)
         tooth, radius, stiffness = self.teeth[s], float(self.radius[s]), self.softness * self.tooth_stiffness[s]
         rho = r - centers[s]
         distance = np.hypot(rho[:, 0], rho[:, 1])
@@ -386,7 +386,7 @@ class Potential:
 
     def _add_toes(self, x: Array, s: int, terms: EnergyTerms) -> None:
         """Adds the energy of toes on the teeth of sprocket s."""
-        r, centers, angles = self.split(x)
+        r, centers, angles = self.parts_of_coordinates(x)
         stiffness, exponent = 0.5 * self.softness * self.tooth_stiffness[s], self.model.contact.sprocket.exponent
         wheel = Wheel(self.model, s, stiffness, exponent)
         near, base = wheel.near_pins(r - centers[s]), 2 * self.rollers
@@ -429,7 +429,7 @@ class Potential:
 
     def _add_guide(self, x: Array, g: int, terms: EnergyTerms) -> None:
         """Adds the energy of rollers on guide g (`warpchain.drive.face_profile`, (a))."""
-        r, _, _ = self.split(x)
+        r, _, _ = self.parts_of_coordinates(x)
         arm, pivots = self.model.arm_of(g), self.pivots(x)
         hung = [a for a, _ in self.hung]
         offset, law = self.model.guide_offset(g), self.model.guide_contact(g)
@@ -457,7 +457,7 @@ class Potential:
 
     def _add_backs(self, x: Array, g: int, terms: EnergyTerms) -> None:
         """Adds the energy of the backs of links on guide g."""
-        r, arm, pivots = self.split(x)[0], self.model.arm_of(g), self.pivots(x)
+        r, arm, pivots = self.parts_of_coordinates(x)[0], self.model.arm_of(g), self.pivots(x)
         hung = [a for a, _ in self.hung]
         profile = profile_at(self.model, g, self.arm_angles(x).tolist())
         stiffness, exponent = self.softness * self.guide_stiffness[g], self.model.guide_contact(g).exponent
@@ -482,7 +482,7 @@ class Potential:
 
     def _add_constant_forces(self, x: Array, terms: EnergyTerms) -> None:
         """Adds the energy of weight, centrifugal forces, loads and mounts."""
-        r, centers, angles = self.split(x)
+        r, centers, angles = self.parts_of_coordinates(x)
         n, s = 2 * self.rollers, 2 * self.sprockets
         chain = self.model.chain
         weight = chain.mass * self.gravity

@@ -72,7 +72,7 @@ class Assemblies(Sequence[Assembly]):
             places, state = np.flatnonzero(mine == block), self.blocks[block]
             rows = self.row[members[places]]
             whole = len(rows) == len(state.position) and bool((rows == np.arange(len(rows))).all())
-            yield places, state if whole else state.of(rows)
+            yield places, state if whole else state.pick_variants(rows)
 
     def parts_of_stacks(self, stacks: Sequence[Stack[ChainModel]]) -> Iterator[tuple[Stack[ChainModel], Assembly]]:
         """Yields stacks in parts of one block each, and their initial states."""

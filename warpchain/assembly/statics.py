@@ -160,7 +160,7 @@ def _steady_state(model: ChainModel, assembly: Assembly, frequency: float, momen
             x, residual = solver.settle(_advanced_guess(potential, x, 1.0 / PHASES))
         else:
             x, residual = solver.settle_assembled(x)
-        seen = potential.split(x)[1], potential.arm_angles(x), *potential.torques(x)
+        seen = potential.parts_of_coordinates(x)[1], potential.arm_angles(x), *potential.torques(x)
         means.append((*_strand_values(potential, assembly, x), *seen))
         failure = solver.failure(x, residual)
         if failure is not None:
@@ -242,7 +242,7 @@ def equilibrium(
             f"the drive does not settle under its loads: after {_ITERATIONS} steps the largest net force is still "
             f"{residual:.1e} of the largest force at work (wanted {_ACCURACY:g})"
         )
-    return potentials, solver.split(found)
+    return potentials, solver.parts_of_coordinates(found)
 
 
 def _held_angles(model: ChainModel) -> list[bool]:
@@ -255,7 +255,7 @@ def _held_angles(model: ChainModel) -> list[bool]:
 def _advanced_guess(potential: Potential, x: Array, part: float) -> Array:
     """First guess of coordinates a part of a tooth pitch later."""
     x = x.copy()
-    r, centers, angles = potential.split(x)
+    r, centers, angles = potential.parts_of_coordinates(x)
     before = r.copy()
     r += part * (np.roll(r, -1, axis=0) - r)
     for s, sprocket in enumerate(potential.model.sprockets):
@@ -274,7 +274,7 @@ def _advanced_guess(potential: Potential, x: Array, part: float) -> Array:
 
 def _strand_values(potential: Potential, assembly: Assembly, x: Array) -> tuple[Array, Array]:
     """Strands' mean tensions (S,) [N], and displacements at their middles (S,) [m]."""
-    r, _, _ = potential.split(x)
+    r, _, _ = potential.parts_of_coordinates(x)
     tension, path = potential.tensions(x), assembly.path
     ends = np.roll(r, -1, axis=0)
     found, off = np.zeros(potential.sprockets), np.zeros(potential.sprockets)
@@ -306,7 +306,7 @@ class _Solver:
         self.stiffest = max(4.0 * of.model.chain.stiffness + max(of.tooth_stiffness) for of in parts)
         self.pitch = min(of.model.chain.pitch for of in parts)
 
-    def split(self, x: Array) -> list[Array]:
+    def parts_of_coordinates(self, x: Array) -> list[Array]:
         """Views of each chain's coordinates in x."""
         return [x[a:b] for a, b in pairwise(self.ends)]
 
@@ -337,11 +337,11 @@ class _Solver:
 
     def _chains_at(self, x: Array) -> Iterator[tuple[Potential, Assembly, Array]]:
         """Potential, assembly and part of x of each chain."""
-        return zip(self.parts, self.assemblies, self.split(x), strict=True)
+        return zip(self.parts, self.assemblies, self.parts_of_coordinates(x), strict=True)
 
     def _terms(self, x: Array) -> EnergyTerms:
         """Energy, gradient and Hessian of all chains at x."""
-        found = [potential.terms(own) for potential, own in zip(self.parts, self.split(x), strict=True)]
+        found = [potential.terms(own) for potential, own in zip(self.parts, self.parts_of_coordinates(x), strict=True)]
         return found[0] if len(found) == 1 else stacked_terms(found)
 
     def settle(self, x: Array, enough: float = _ENOUGH) -> tuple[Array, float]:
@@ -349,14 +349,14 @@ class _Solver:
         shift, least = 1e-6 * self.stiffest, 1e-12 * self.stiffest
         terms = self._terms(x)
         self._move_levers(x)
-        slope, curvature = terms.slope(self.maps, self.count), terms.hessian(self.maps, self.count)
+        slope, curvature = terms.gradient_of_coordinates(self.maps, self.count), terms.hessian(self.maps, self.count)
         for _ in range(_ITERATIONS):
             if float(np.abs(slope).max()) <= enough * self.force or shift > 1e6 * self.stiffest:
                 break
             change = self._solve(curvature, slope, shift)
             change *= min(1.0, _FARTHEST * self.pitch / float(np.abs(change).max()))
             moved = x + sum(weight * change[column] for column, weight in self.maps)
-            for potential, own in zip(self.parts, self.split(moved), strict=True):
+            for potential, own in zip(self.parts, self.parts_of_coordinates(moved), strict=True):
                 potential.move_carried(own)
             after = self._terms(moved)
             gain, noise = -float(slope @ change), 1e-13 * abs(terms.energy)
@@ -364,7 +364,10 @@ class _Solver:
                 whole, before = shift == least, float(np.abs(slope).max())
                 x, terms, shift = moved, after, max(_DECAY * shift, least)
                 self._move_levers(x)
-                slope, curvature = terms.slope(self.maps, self.count), terms.hessian(self.maps, self.count)
+                slope, curvature = (
+                    terms.gradient_of_coordinates(self.maps, self.count),
+                    terms.hessian(self.maps, self.count),
+                )
                 if whole and 0.5 * before < float(np.abs(slope).max()) <= _ENOUGH * self.force:
                     break
             else:
@@ -382,7 +385,7 @@ class _Solver:
                 )
         if residual <= _ACCURACY:
             return None
-        force, (column, weight) = np.abs(self._terms(x).slope(self.maps, self.count)), self.maps[0]
+        force, (column, weight) = np.abs(self._terms(x).gradient_of_coordinates(self.maps, self.count)), self.maps[0]
         worst = int(np.flatnonzero((column == force.argmax()) & (weight != 0.0))[0])
         part = int(np.searchsorted(self.ends, worst, side="right")) - 1
         name = _coordinate_name(self.parts[part], self.assemblies[part], worst - self.ends[part])
@@ -394,8 +397,8 @@ class _Solver:
 
     def _move_levers(self, x: Array) -> None:
         """Updates the weights with which arms move what they carry."""
-        weights = [self.split(weight) for _, weight in self.maps]
-        for potential, own, *of in zip(self.parts, self.split(x), *weights, strict=True):
+        weights = [self.parts_of_coordinates(weight) for _, weight in self.maps]
+        for potential, own, *of in zip(self.parts, self.parts_of_coordinates(x), *weights, strict=True):
             for one, (dx, dy) in zip(potential.carried, potential.levers(own), strict=True):
                 of[one.second][one.place :][:2] = np.array([-dy, dx]) * of[0][potential.first_arm + one.arm]
 
@@ -443,7 +446,7 @@ def _coordinate_name(potential: Potential, assembly: Assembly, i: int) -> str:
 
 def _slipped_sprocket(potential: Potential, assembly: Assembly, x: Array) -> int | None:
     """Index of the sprocket whose teeth the chain has left amid its wrap, or None."""
-    r, centers, angles = potential.split(x)
+    r, centers, angles = potential.parts_of_coordinates(x)
     for s, sprocket in enumerate(potential.model.sprockets):
         rollers = np.flatnonzero(assembly.seat_sprocket == s)
         middle = rollers[len(rollers) // 2]

@@ -40,7 +40,7 @@ from warpchain.model.mounts import has_active_mount, mount_frequencies, moving_m
 _ROUND = 1e-3
 """Relative rounding of the automatic step in a file."""
 
-__all__ = ["derive", "report", "strand_frequency", "working_tensions"]
+__all__ = ["derived_quantities", "report", "strand_frequency", "working_tensions"]
 
 
 def working_tensions(
@@ -80,7 +80,7 @@ def _links_and_joints(model: ChainModel) -> dict[str, Any]:
     return found
 
 
-def derive(drive: Drive) -> dict[str, Any]:
+def derived_quantities(drive: Drive) -> dict[str, Any]:
     """Derived quantities of a drive by name, in SI units; docs/scripts.md lists the keys.
 
     Without a steady state `tensions_estimated` says why. Of several chains "chains" has those of each.
@@ -680,7 +680,7 @@ def _text_of_chains(values: dict[str, Any]) -> list[str]:
 def check_findings(drive: Drive) -> list[str]:
     """Lines `LAYOUT` and `LOOK AT` of `check` for a drive, or the line that refuses it."""
     try:
-        return finding_lines(derive(drive))
+        return finding_lines(derived_quantities(drive))
     except DriveError as error:
         return [str(error)]
 

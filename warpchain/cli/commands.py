@@ -84,7 +84,7 @@ def _drive_of_arguments(arguments: argparse.Namespace) -> Any:
 
 def check_command(arguments: argparse.Namespace) -> int:
     """Body of `warpchain check`: prints what follows from a drive before it runs."""
-    from warpchain.assembly.summary import derive, report
+    from warpchain.assembly.summary import derived_quantities, report
     from warpchain.cli.json_output import check_values, json_text
 
     drive = _drive_of_arguments(arguments)
@@ -95,7 +95,7 @@ def check_command(arguments: argparse.Namespace) -> int:
     defaults = _defaults_of_file(arguments)
     if arguments.json:
         return _print_lines([json_text(check_values(drive, arguments.drive, defaults))])
-    return _print_lines([*_default_lines(defaults), report(derive(drive))])
+    return _print_lines([*_default_lines(defaults), report(derived_quantities(drive))])
 
 
 def _defaults_of_file(arguments: argparse.Namespace) -> dict[str, Any]:

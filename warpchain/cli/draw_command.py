@@ -42,12 +42,12 @@ def draw_lines(drive: Drive, path: Path) -> list[str]:
     """Draws a drive; returns lines on its fit, what `check` finds, and the picture's name.
 
     Raises:
-        WarpchainError: as `draw_drive` and `warpchain.assembly.summary.derive`.
+        WarpchainError: as `draw_drive` and `warpchain.assembly.summary.derived_quantities`.
     """
-    from warpchain.assembly.summary import derive, fit_and_findings
+    from warpchain.assembly.summary import derived_quantities, fit_and_findings
 
     draw_drive(drive, path)
-    return [*fit_and_findings(derive(drive)), str(path)]
+    return [*fit_and_findings(derived_quantities(drive)), str(path)]
 
 
 def watch_drive_file(load: Callable[[], Drive], arguments: Namespace) -> None:

@@ -37,11 +37,11 @@ def check_values(drive: Drive, name: str, defaults: Mapping[str, Any]) -> dict[s
         name: of its file or example.
         defaults: what the file leaves out, by key path.
     """
-    from warpchain.assembly.summary import derive
+    from warpchain.assembly.summary import derived_quantities
     from warpchain.version import installed_version
 
     head = {"format": FORMAT, "version": installed_version(), "units": "SI", "drive": name, "defaults": defaults}
-    return head | derive(drive)
+    return head | derived_quantities(drive)
 
 
 def run_values(drive: Drive, metrics: Mapping[str, Any], info: RunInfo, archive: Path | None) -> dict[str, Any]:

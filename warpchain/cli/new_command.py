@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from warpchain.assembly.fitting import fit_links, fit_position
-from warpchain.assembly.summary import derive, fit_and_findings
+from warpchain.assembly.summary import derived_quantities, fit_and_findings
 from warpchain.drive import loads_drive, write_drive_text
 from warpchain.drive.catalogue import CHAINS, CatalogueChain
 from warpchain.drive.defaults import (
@@ -99,7 +99,7 @@ def write_drive_request(asked: DriveRequest, path: Path, overwrite: bool, keep_c
     centers = tuple(sprocket.center for sprocket in drive.sprockets)
     moved = math.dist(centers[-1], asked.centers[-1])
     text = _drive_file_text(replace(asked, links=drive.chain.links, centers=centers, moved=moved))
-    lines = fit_and_findings(derive(loads_drive(text)))
+    lines = fit_and_findings(derived_quantities(loads_drive(text)))
     write_drive_text(text, path)
     if overwrite or not (path.parent / SCHEMA).exists():
         write_drive_text(schema_text(drive_schema()), path.parent / SCHEMA)

@@ -27,7 +27,7 @@ from warpchain.model.stacks import Stack, first_refusal, first_refused_variant, 
 from warpchain.progress import Progress, interruptible_work, progress_reporter
 from warpchain.results.judgement import Limits, judgement_warning
 from warpchain.results.metrics import metrics_table
-from warpchain.results.own_metrics import metric_channels, with_own_metrics
+from warpchain.results.own_metrics import metric_channels, table_with_own_metrics
 from warpchain.results.replicate_metrics import metrics_with_copies
 from warpchain.results.run import Record, Run, RunInfo
 from warpchain.results.schedule import LOOK_EVERY, Schedules, whole_steps
@@ -174,7 +174,7 @@ def simulate(
                     outcome = queue.joined_result()
         info = replace(info, ended="interrupted" if stop.is_asked else "complete", wall_time=outcome.end_time - begin)
         table = metrics_table(outcome.ends, outcome.metric_blocks(), limits)
-        metrics = metrics_with_copies(with_own_metrics(table, chosen, outcome.measured), copies.count)
+        metrics = metrics_with_copies(table_with_own_metrics(table, chosen, outcome.measured), copies.count)
         _warn_caller(SuspectWarning, judgement_warning(metrics["status"].to_pylist(), metrics["reason"].to_pylist()))
         return Run(chosen, metrics, recording.finished_trajectories(writer, metrics, info, outcome.trajectories), info)
 

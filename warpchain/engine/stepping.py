@@ -26,7 +26,7 @@ from warpchain.model.stacks import stacks_of_drives
 from warpchain.progress import Progress, interruptible_work, progress_reporter
 from warpchain.results.judgement import Limits, judgement_warning
 from warpchain.results.metrics import metrics_table
-from warpchain.results.own_metrics import with_own_metrics
+from warpchain.results.own_metrics import table_with_own_metrics
 from warpchain.results.run import Record, check_channel_names
 
 if TYPE_CHECKING:
@@ -482,7 +482,7 @@ class SteppedRun:
         if self._clock.taken[0] < 0:
             self._begin(engine)
         ended, blocks = self._part.outcome(engine, self._settled, self._stored)
-        table = with_own_metrics(metrics_table(ended, blocks(), limits), self.drives)
+        table = table_with_own_metrics(metrics_table(ended, blocks(), limits), self.drives)
         line = judgement_warning(table["status"].to_pylist(), table["reason"].to_pylist())
         if line is not None and ended.is_measured.all():
             warn_caller(line, SuspectWarning)

@@ -177,7 +177,7 @@ def _lay_in_equilibrium(still: PackedEnsemble, potential: Potential, x: Array, s
     """Writes a chain's static equilibrium into its packed arrays."""
     model = potential.model
     sprockets = len(model.sprockets)
-    position, centers, _ = potential.split(x)
+    position, centers, _ = potential.parts_of_coordinates(x)
     for friction in (still.chains["joint"], still.tooth_friction, still.guide_friction):
         friction["inertia"] = 0.0
     still.hubs["bearing"] = 0.0

@@ -125,7 +125,7 @@ def metric_channels() -> tuple[str, ...]:
     return recorded_names(channel for own in OWN_METRICS.values() for channel in own.channels)
 
 
-def with_own_metrics(
+def table_with_own_metrics(
     table: pa.Table, drives: Sequence[Drive], frames: Mapping[int, Trajectory] | None = None
 ) -> pa.Table:
     """Metrics table with plug-ins' columns, names and digests.
