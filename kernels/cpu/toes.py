@@ -8,9 +8,9 @@ from functools import cache
 
 import warp as wp
 
-from ..native import products, row_access
-from ..physics.contact import AWAY, memory_after_teeth
-from ..physics.toe import ENDS, point_mobility, seated_toe_contact, toe_contact
+from ..native import row_access
+from ..physics.contact import AWAY, memory_after_teeth, rotated_vector
+from ..physics.toe import ENDS, point_mobility, rotated_to_gap, seated_toe_contact, toe_contact
 from ..structs import Drive, Pose, types
 from .contact_rows import contact_row_functions
 from .link_motions import link_motion_functions
@@ -42,16 +42,15 @@ def toe_functions(Real: type, capacity: int) -> ToeFunctions:
     def store_toe(contacts: wp.array[Real], c: int, outward: vec2, depth: Real, n: vec2, z: vec2, length: Real):
         """Stores contact `c` of a toe, vectors along and across the seat's direction `outward`; returns its place."""
         x, y = outward[0], outward[1]
-        normal = vec2(products(n[0], x, -n[1], y), products(n[0], y, n[1], x))
-        place = vec2(products(z[0], x, -z[1], y), products(z[0], y, z[1], x))
+        normal, place = rotated_vector(n, x, y), rotated_vector(z, x, y)
         contact_rows.store_place(contacts, c, depth, normal, place, point_mobility(z, n, length))
         return place
 
     @wp.func
     def direction_at_seat(link: links.Link, sign: Real, outward: vec2):
         """Unit vector from a pin into its link, along and across the seat's direction."""
-        ux, uy, x, y = sign * link.ux, sign * link.uy, outward[0], outward[1]
-        return vec2(products(ux, x, uy, y), products(uy, x, -ux, y))
+        radial, lateral = rotated_to_gap(sign * link.ux, sign * link.uy, outward[0], outward[1])
+        return vec2(radial, lateral)
 
     @wp.func
     def mend_toes(w: wp.array[Real], run: LinkRun, plate: Plate, sprocket: Sprocket, body: Pose, memory: Memory):

@@ -34,7 +34,7 @@ def contact_force_functions(kind: BlockKind) -> ContactForceFunctions:
     """Contact force functions of block kernels."""
     # most contacts of the usual law are worked out without branches, in kernels of one length of chain all or none, so
     # that metrics leave a variant its bits: of more links not all kernels gave the same bits (docs/performance.md)
-    branchless = kind.linear_hysteretic and kind.shape.room <= 192
+    branchless = kind.linear_hysteretic and kind.shape.room <= 192 and not kind.silent
     kinds, Now = kind.types, kind.types.Now
     Ensemble, State, Shared = kinds.Ensemble, kinds.State, kinds.Shared
     contacts = contact_functions(kind)
@@ -71,7 +71,7 @@ def contact_force_functions(kind: BlockKind) -> ContactForceFunctions:
                     continue
             contact = tooth_gaps.with_sprocket(ensemble, state, shared, mine, contact, j, s)
             done = int(0)
-            if wp.static(branchless and not kind.silent):
+            if wp.static(branchless):
                 if now.flags == 0:
                     done = teeth.add_straight_flank_force(state, tallies, shared, mine, now, j, contact)
             if done == 0:

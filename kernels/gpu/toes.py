@@ -8,13 +8,13 @@ from functools import cache
 
 import warp as wp
 
-from ..native import load_constant, products, row_access
+from ..native import load_constant, row_access
 from ..number import difference, leading_value
 from ..physics.contact import (
     memory_after_teeth,
     rotated_vector,
 )
-from ..physics.toe import ENDS, seated_toe_contact, toe_contact
+from ..physics.toe import ENDS, rotated_to_gap, seated_toe_contact, toe_contact
 from ..physics.tooth import nearest_seat, tracked_seat_from
 from ..structs import Tallies
 from .block_kinds import BlockKind
@@ -79,8 +79,8 @@ def toe_functions(kind: BlockKind) -> ToeFunctions:
             after, chains.next_roller(shared, j, mine.rollers), chains.previous_roller(shared, j, mine.rollers)
         )
         end.link = toe_links.link_of_pin(shared, j, other, pin.arm)
-        x, y = end.link.u[0], end.link.u[1]
-        u = vec2(products(x, e[0], y, e[1]), products(y, e[0], -x, e[1]))
+        radial, lateral = rotated_to_gap(end.link.u[0], end.link.u[1], e[0], e[1])
+        u = vec2(radial, lateral)
         plate, teeth = shared.plates[chains.chain_number(shared, j)], shared.teeth[s]
         end.memory = pin.memory + number * chains.chain_length(shared, mine, j)
         end.before = access.load(state.impact_speed, end.memory)
