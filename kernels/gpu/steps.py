@@ -160,7 +160,7 @@ def step_functions(kind: BlockKind, frame: Any) -> StepFunctions:
         if wp.static(not kind.shape.is_one_warp):
             advance_oil(ensemble, state, shared, mine, now)
 
-    @wp.func
+    @inlined
     def advance_bodies(ensemble: Ensemble, state: State, out: Out, shared: Shared, mine: ThreadParts, now: Now):
         """Moves the thread's body by a step or a stage and observes it; on one warp its rollers, too.
 
