@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import gc
 import pickle
 import shutil
 import signal
@@ -184,4 +185,5 @@ def compile_job(job: CompileJob) -> None:
 
 if __name__ == "__main__":
     signal.signal(signal.SIGINT, signal.SIG_DFL)  # the compiler would not hear of it
+    gc.disable()  # a short life, whose many objects stay
     compile_job(pickle.load(sys.stdin.buffer))
