@@ -10,7 +10,7 @@ import warp as wp
 
 from ..structs import Tallies
 from .backs import back_functions
-from .block_kinds import BlockKind
+from .block_kinds import BlockKind, inlined
 from .block_structs import ThreadParts
 from .contacts import contact_functions
 from .guides import guide_functions
@@ -45,7 +45,7 @@ def contact_force_functions(kind: BlockKind) -> ContactForceFunctions:
     strand_loads = strand_load_functions(kind)
     toes, toe_rows, backs = toe_functions(kind), toe_row_functions(kind), back_functions(kind)
 
-    @wp.func
+    @inlined
     def add_contact_forces(
         ensemble: Ensemble,
         state: State,

@@ -83,24 +83,27 @@ def test_block_kernel_compiles_for_cuda_without_a_gpu(tmp_path, arch, form, prec
 
 
 CALLS = [
-    ("marine", "float64", "measure"),
-    ("engine", "float32", "measure"),
-    ("marine_lever", "float64", "measure"),
-    ("bucket_elevator", "float32", "advance"),
+    ("marine", "float64", "measure", 8),
+    ("engine", "float32", "measure", 8),
+    ("marine_lever", "float64", "measure", 8),
+    ("bucket_elevator", "float32", "advance", 8),
+    ("silent_timing", "float64", "advance", 1),
     *(
-        pytest.param(*case, "measure", marks=pytest.mark.thorough)
-        for case in product(("car", "v6", "balance_shafts", "motorcycle_drivetrain"), ("float64", "float32"))
+        pytest.param(*case, "measure", each, marks=pytest.mark.thorough)
+        for *case, each in product(
+            ("car", "v6", "balance_shafts", "motorcycle_drivetrain", "silent_timing"), ("float64", "float32"), (1, 8)
+        )
     ),
-    *(pytest.param(name, "float32", "measure", marks=pytest.mark.thorough) for name in ("swing_idler", "silent_timing")),
+    pytest.param("swing_idler", "float32", "measure", 8, marks=pytest.mark.thorough),
 ]
 
 
 @pytest.mark.long
-@pytest.mark.parametrize(("name", "precision", "kernel"), CALLS)
-def test_a_loop_of_a_warp_calls_no_function_of_the_block(tmp_path, name, precision, kernel):
+@pytest.mark.parametrize(("name", "precision", "kernel", "each"), CALLS)
+def test_a_time_loop_calls_no_function_of_the_block(tmp_path, name, precision, kernel, each):
     # a call takes structs through memory, where the whole kernel then keeps them: marine took 1.2 times as long, car
     # engine and motorcycle_drivetrain twice (docs/kernels.md)
     packed = pack_for([example(name)], [Schedule(1e-6, 100, 0, 100, 0)], precision)
     columns = {field: int(values[0]) for field, values in variant_kind_columns(packed).items()}
-    kind = kernel_kind(kernel, Bucket(block_kind(packed.real, columns, 8), np.zeros(1, int), None))
+    kind = kernel_kind(kernel, Bucket(block_kind(packed.real, columns, each), np.zeros(1, int), None))
     assert not called(compiled(block_kernel(kind, resident_variants(kind), DEFAULT_FRAME), tmp_path))
