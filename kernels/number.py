@@ -538,6 +538,13 @@ def sine_cosine(angle: Pair):
     return sign * sine, sign * cosine
 
 
+@wp.func
+def sine_cosine(angle: wp.float32):
+    """sin, cos of a float32 angle [rad], to round-off, below 4e6."""
+    sine, cosine = sine_cosine(pair(angle, 0.0))
+    return rounded_value(sine), rounded_value(cosine)
+
+
 @wp.func_native(code_by_device("return __cosf(angle);", "return wp::cos(angle);"))
 def quick_cosine(angle: wp.float32) -> wp.float32:
     """cos of a float32 angle [rad], below half a turn, to 5e-7."""

@@ -346,7 +346,7 @@ def stop_moment(angle: Any, speed: Any, arm: Any):
 @wp.func
 def coil_length(angle: Any, arm: Any):
     """Length [m] of an arm's coil spring, and derivative by angle."""
-    sine, cosine = wp.sin(angle), wp.cos(angle)
+    sine, cosine = sine_cosine(angle)
     x = arm.coil_point[0] * cosine - arm.coil_point[1] * sine
     y = arm.coil_point[0] * sine + arm.coil_point[1] * cosine
     along = wp.vector(x - arm.coil_anchor[0], y - arm.coil_anchor[1])

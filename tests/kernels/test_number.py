@@ -176,6 +176,21 @@ def test_sine_and_cosine_of_pairs(largest):
     np.testing.assert_allclose(found, np.stack([np.sin(angle), np.cos(angle)], axis=1), rtol=0, atol=tolerance)
 
 
+@kernel
+def headings_at_float32(angle: wp.array[wp.float64], out: wp.array2d[wp.float64]):
+    i = wp.tid()
+    s, c = sine_cosine(wp.float32(angle[i]))
+    out[i, 0] = wp.float64(s)
+    out[i, 1] = wp.float64(c)
+
+
+@pytest.mark.parametrize("largest", [0.8, 1e3])
+def test_sine_and_cosine_at_float32(largest):
+    angle = np.random.default_rng(1).uniform(-largest, largest, 20_000)
+    found, of = launched(headings_at_float32, len(angle), given(angle), width=2), angle.astype(np.float32).astype(float)
+    np.testing.assert_allclose(found, np.stack([np.sin(of), np.cos(of)], axis=1), rtol=0, atol=EPS)
+
+
 TEETH, R, CLEARANCE = 31, 0.4321, 2e-4
 
 
@@ -534,7 +549,7 @@ LOOPS = {
 """Each has what others lack; together they have all that drives may have."""
 
 
-@pytest.mark.parametrize("name", each_of(LOOPS, [], ["few", "pushed, rk4"]))
+@pytest.mark.parametrize("name", each_of(LOOPS, [], ["few", "pushed, rk4", "arm, moving"]))
 def test_no_float64_in_the_time_loop_at_float32(tmp_path, name):
     every, loop = time_loop(compiled(block_kernel(LOOPS[name], 16, DEFAULT_FRAME), tmp_path))
     assert len(loop) > 0.4 * len(every)  # the time loop, not one of those before and after it
