@@ -118,7 +118,7 @@ TENSION_SLACK = Column(
 
 MOMENT_MEAN = Column("moment_mean", "N m", "mean moment of the contact forces, counter-clockwise", mean_of("moment"))
 FORCE_MAX = Column(
-    "force_max", "N", "largest contact force on a roller; of a tensioner, its largest", sum_of("force_max")
+    "force_max", "N", "largest contact force on a roller or pin; of a tensioner, its largest", sum_of("force_max")
 )
 DAMPING_LOSS = Column("damping_loss", "J", "energy that its dampers and stops take", sum_of("dissipated"))
 
@@ -499,8 +499,8 @@ SETTLING_METRICS = MetricGroup(
     "chain",
     (
         Column("settle_steps", "1", "steps that settling took", kind=int),
-        Column("settle_residual", "1", "largest net force left on a roller over the largest link force"),
-        Column("settle_force", "N", "largest net force left on a roller"),
+        Column("settle_residual", "1", "largest net force left on a roller or pin over the largest link force"),
+        Column("settle_force", "N", "largest net force left on a roller or pin"),
     ),
     applies_to=lambda model, index: model.run.settle,
 )

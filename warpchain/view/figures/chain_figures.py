@@ -119,8 +119,9 @@ def roller_contact_figure(trajectory: Trajectory, roller: int) -> Figure:
     """Figure of contact forces on a roller in the chain's last round (the paper's Figure 12)."""
     whole, trajectory = trajectory, trajectory.at(last_round_frames(trajectory))
     sprocket_force, guide_force = require_channels(trajectory, "sprocket_force", "guide_force")
+    noun = "pin" if trajectory.model.chain.is_silent else "roller"
     figure, (above, below) = panel_column(
-        2, 5.8, f"Contact forces on roller {roller} over the chain's last round", whole
+        2, 5.8, f"Contact forces on {noun} {roller} over the chain's last round", whole
     )
     of_sprockets = above, sprocket_force, "sprockets", "tab:blue"
     for axis, forces, word, color in (of_sprockets, (below, guide_force, "guide-bars", "tab:red")):

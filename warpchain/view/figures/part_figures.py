@@ -36,7 +36,7 @@ def guide_load_figure(found: EngineeringReport, g: int) -> Figure:
     x, width = to_length * load.place, to_length * float(load.place[1] - load.place[0])
     rows = (
         ("mean load", "N/m", load.mean, None),
-        ("largest force\nof a roller", "N", load.peak, None),
+        ("largest force\nof a roller or pin", "N", load.peak, None),
         ("p v: force times\nspeed per length", "W/m", load.pv, load.pv_peak),
     )
     for axis, (title, unit, values, peak) in zip(axes, rows, strict=True):

@@ -36,7 +36,7 @@ if TYPE_CHECKING:
 CURVE_GROUPS = {
     "tension": "link tension [N]",
     "strand tension": "tension at the middle of each strand [N]",
-    "contact": "largest contact force on a roller, by sprocket and guide-bar [N]",
+    "contact": "largest contact force on a roller or pin, by sprocket and guide-bar [N]",
     "moment": "moment of the contact forces [N m]",
     "ratio": "speed ratio over that of the teeth [1]",
     "error": "transmission error [degrees]",
