@@ -65,7 +65,8 @@ FORMS = {
     "silent": partial(measuring, 8, BlockShape(32, 4), Parts(4, 2, chains=2), silent=True, friction=Friction(1)),
     "relax": lambda real: block_relax_kernel(BlockKind(real, FEW, Parts(2, 1)), 4),
 }
-CASES = [*product([75, 90], FORMS, ["float64", "float32"])]
+CASES = [case for case in product([75, 90], FORMS, ["float64", "float32"]) if case[1:] != ("relax", "float32")]
+"""All but settling at float32: a run settles at float64."""
 USUAL = [
     (75, "several chains", "float32"),
     (90, "rk4, bending", "float64"),
