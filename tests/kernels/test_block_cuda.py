@@ -12,6 +12,7 @@ from blocks import pack_for, some_of
 from drives import example
 from ptx import called, compiled
 
+from warpchain.drive.examples import example_names
 from warpchain.engine.gpu_kernels import Bucket, block_kind, kernel_kind, resident_variants, variant_kind_columns
 from warpchain.kernels.gpu.block import block_kernel
 from warpchain.kernels.gpu.block_kinds import BY_SPEED, DECLARED, BlockKind, BlockShape, Friction, Parts
@@ -90,12 +91,10 @@ CALLS = [
     ("bucket_elevator", "float32", "advance", 8),
     ("silent_timing", "float64", "advance", 1),
     *(
-        pytest.param(*case, "measure", each, marks=pytest.mark.thorough)
-        for *case, each in product(
-            ("car", "v6", "balance_shafts", "motorcycle_drivetrain", "silent_timing"), ("float64", "float32"), (1, 8)
-        )
+        pytest.param(*case, marks=pytest.mark.thorough)
+        for case in product(example_names(), ("float64", "float32"), ("measure", "advance"), (8, 1))
+        if case[2:] == ("measure", 8) or case[0] in ("bucket_elevator", "silent_timing")
     ),
-    pytest.param("swing_idler", "float32", "measure", 8, marks=pytest.mark.thorough),
 ]
 
 
