@@ -10,7 +10,7 @@ from collections.abc import Callable, Iterable, Iterator
 from functools import wraps
 from typing import TYPE_CHECKING, Any
 
-from warpchain.cli.shared_options import CommandBody
+from warpchain.cli.shared_options import CommandBody, drive_of_arguments, value_from_word
 from warpchain.errors import WarpchainError
 
 if TYPE_CHECKING:
@@ -49,37 +49,11 @@ def resumable_command(kept: str) -> Callable[[CommandBody], CommandBody]:
     return make_resumable
 
 
-def _print_lines(lines: Iterable[str]) -> int:
+def print_lines(lines: Iterable[str]) -> int:
     """Prints a command's lines as they come; returns exit status done."""
     for line in lines:
         print(line, flush=True)
     return DONE
-
-
-def _value_from_word(word: str) -> Any:
-    """Value of a command's --set as TOML, else a text."""
-    import tomllib
-
-    try:
-        table = tomllib.loads(f"value = {word}")
-    except (ValueError, RecursionError):  # also a number of thousands of digits
-        return word
-    return table["value"] if len(table) == 1 else word
-
-
-def _drive_of_arguments(arguments: argparse.Namespace) -> Any:
-    """Drive that a command's arguments name, changed by --set."""
-    from warpchain.drive import load_drive
-    from warpchain.drive.examples import drive_path
-
-    drive = load_drive(drive_path(arguments.drive))
-    changes = {}
-    for change in arguments.set:
-        path, mark, value = change.partition("=")
-        if not mark or not path.strip():
-            raise WarpchainError(f"--set {change}: must be PATH=VALUE, such as run.duration=0.5")
-        changes[path.strip()] = _value_from_word(value.strip())
-    return drive.with_values(changes) if changes else drive
 
 
 def check_command(arguments: argparse.Namespace) -> int:
@@ -87,15 +61,15 @@ def check_command(arguments: argparse.Namespace) -> int:
     from warpchain.assembly.summary import derived_quantities, report
     from warpchain.cli.json_output import check_values, json_text
 
-    drive = _drive_of_arguments(arguments)
+    drive = drive_of_arguments(arguments)
     if arguments.output is not None:  # also of a drive whose number of links does not fit
         from warpchain.cli.draw_command import draw_drive
 
         draw_drive(drive, arguments.output)
     defaults = _defaults_of_file(arguments)
     if arguments.json:
-        return _print_lines([json_text(check_values(drive, arguments.drive, defaults))])
-    return _print_lines([*_default_lines(defaults), report(derived_quantities(drive))])
+        return print_lines([json_text(check_values(drive, arguments.drive, defaults))])
+    return print_lines([*_default_lines(defaults), report(derived_quantities(drive))])
 
 
 def _defaults_of_file(arguments: argparse.Namespace) -> dict[str, Any]:
@@ -121,35 +95,11 @@ def _default_lines(defaults: dict[str, Any]) -> list[str]:
     return [f"default, not in the file: {table}: {', '.join(values)}" for table, values in tables.items()]
 
 
-def draw_command(arguments: argparse.Namespace) -> int:
-    """Body of `warpchain draw`: draws a drive, once or at every save."""
-    from warpchain.cli.draw_command import draw_lines, watch_drive_file
-
-    if arguments.watch:
-        watch_drive_file(lambda: _drive_of_arguments(arguments), arguments)
-        return DONE
-    return _print_lines(draw_lines(_drive_of_arguments(arguments), arguments.output))
-
-
-def new_command(arguments: argparse.Namespace) -> int:
-    """Body of `warpchain new`: writes a drive file."""
-    from warpchain.cli.new_command import new_drive_file
-
-    return _print_lines(new_drive_file(arguments))
-
-
-def select_command(arguments: argparse.Namespace) -> int:
-    """Body of `warpchain select`: lists sizes for a power, writes one's drive file."""
-    from warpchain.cli.select_command import select_chain
-
-    return _print_lines(select_chain(arguments))
-
-
 def metrics_command(arguments: argparse.Namespace) -> int:
     """Body of `warpchain metrics`: lists the metrics of a drive's runs."""
     from warpchain.results.metric_columns import column_of_metric, metric_table_names
 
-    columns = {name: column_of_metric(name) for name in metric_table_names(_drive_of_arguments(arguments))}
+    columns = {name: column_of_metric(name) for name in metric_table_names(drive_of_arguments(arguments))}
     rows = [(name, column.unit, column.title) for name, column in columns.items() if column]
     if arguments.json:
         import json
@@ -160,13 +110,6 @@ def metrics_command(arguments: argparse.Namespace) -> int:
     for name, unit, title in rows:
         print(f"{name:{wide}}  {unit:{short}}  {title}")
     return DONE
-
-
-def explain_command(arguments: argparse.Namespace) -> int:
-    """Body of `warpchain explain`: says what names mean."""
-    from warpchain.cli.explain_command import explanation_lines
-
-    return _print_lines(explanation_lines(arguments.text))
 
 
 def schema_command(arguments: argparse.Namespace) -> int:
@@ -199,50 +142,7 @@ def devices_command(_: argparse.Namespace) -> int:
     start_warp(precompiled=False)
     gpus = [f"{gpu}: {wp.get_device(gpu).name}" for gpu in usable_gpus()]
     without = "no NVIDIA GPU that Warp can use: runs take the CPU"
-    return _print_lines([f"cpu: {processor_name()}, {available_cores()} cores", *(gpus or [without])])
-
-
-def fit_command(arguments: argparse.Namespace) -> int:
-    """Body of `warpchain fit`: fits a drive file."""
-    from warpchain.cli.fit_command import fit_drive_file
-
-    return _print_lines(fit_drive_file(arguments))
-
-
-def modes_command(arguments: argparse.Namespace) -> int:
-    """Body of `warpchain modes`: prints and writes modes."""
-    from warpchain.cli.modes_command import mode_command_lines
-    from warpchain.engine import start_warp
-
-    start_warp(precompiled=False)
-    return _print_lines(mode_command_lines(_drive_of_arguments(arguments), arguments))
-
-
-def tensioner_command(arguments: argparse.Namespace) -> int:
-    """Body of `warpchain tensioner`: rides a tensioner on its test rig."""
-    from warpchain.cli.tensioner_command import tensioner_lines
-    from warpchain.engine import start_warp
-
-    start_warp(precompiled=False)
-    return _print_lines(tensioner_lines(_drive_of_arguments(arguments), arguments))
-
-
-def jump_command(arguments: argparse.Namespace) -> int:
-    """Body of `warpchain jump`: prints the load or wear at which a chain jumps a tooth."""
-    from warpchain.cli.jump_command import jump_command_lines
-    from warpchain.engine import start_warp
-
-    start_warp(precompiled=False)
-    return _print_lines(jump_command_lines(_drive_of_arguments(arguments), arguments))
-
-
-def warm_command(arguments: argparse.Namespace) -> int:
-    """Body of `warpchain warm`: compiles kernels."""
-    from warpchain.cli.warm_command import warm_lines
-    from warpchain.engine import start_warp
-
-    start_warp(precompiled=False)
-    return _print_lines(warm_lines(arguments))
+    return print_lines([f"cpu: {processor_name()}, {available_cores()} cores", *(gpus or [without])])
 
 
 def run_command(arguments: argparse.Namespace) -> int:
@@ -264,7 +164,7 @@ def run_command(arguments: argparse.Namespace) -> int:
     channels = _channels_from_words(arguments.channels)
     record = Record("none" if arguments.output is None else "all", arguments.rate, channels)
     start_warp(precompiled=False)
-    drive = _drive_of_arguments(arguments)
+    drive = drive_of_arguments(arguments)
     run = simulate(
         drive,
         device=arguments.device,
@@ -281,7 +181,7 @@ def run_command(arguments: argparse.Namespace) -> int:
         limits=_limits_from_words(arguments.limit),
     )
     row = run.metrics.to_pylist()[0]
-    _print_lines(_run_json(drive, run, arguments) if arguments.json else _run_lines(drive, run, arguments.output))
+    print_lines(_run_json(drive, run, arguments) if arguments.json else _run_lines(drive, run, arguments.output))
     if row["diverged"] or run.info.ended != "complete":
         return UNFINISHED
     return NOT_OK if arguments.strict and row["status"] != OK else DONE
@@ -341,7 +241,7 @@ def _limits_from_words(words: list[str]) -> Any:
         key, mark, value = word.partition("=")
         if not mark or not key.strip():
             raise WarpchainError(f"--limit {word}: must be KEY=VALUE, such as energy_residual=0.02")
-        changes[key.strip()] = _value_from_word(value.strip())
+        changes[key.strip()] = value_from_word(value.strip())
     try:
         return Limits(**changes)
     except WarpchainError as error:
@@ -465,7 +365,7 @@ def plot_command(arguments: argparse.Namespace) -> int:
         paths = plot_figures(
             arguments.archive, arguments.output, kind=arguments.format, scale=arguments.scale, **chosen
         )
-    return _print_lines(map(str, paths))
+    return print_lines(map(str, paths))
 
 
 def report_command(arguments: argparse.Namespace) -> int:
@@ -496,7 +396,7 @@ def export_command(arguments: argparse.Namespace) -> int:
         from warpchain.engine.fmu import export_fmu
 
         ports = {name: getattr(arguments, name) for name in ("inputs", "outputs")}
-        print(export_fmu(_drive_of_arguments(arguments), arguments.output, step=arguments.step, **ports))
+        print(export_fmu(drive_of_arguments(arguments), arguments.output, step=arguments.step, **ports))
         return DONE
     if arguments.metrics and arguments.orders:
         raise WarpchainError("--orders: not with --metrics")
@@ -508,13 +408,6 @@ def export_command(arguments: argparse.Namespace) -> int:
         return DONE
     print(export(arguments.drive, arguments.output, variant=arguments.variant))
     return DONE
-
-
-def import_command(arguments: argparse.Namespace) -> int:
-    """Body of `warpchain import`: compares a measured signal with a run."""
-    from warpchain.cli.signal_command import compare_signal
-
-    return _print_lines(compare_signal(arguments))
 
 
 def cut_command(arguments: argparse.Namespace) -> int:

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import time
 from argparse import Namespace
-from collections.abc import Callable
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from warpchain.cli.shared_options import drive_of_arguments
 from warpchain.errors import WarpchainError
 
 if TYPE_CHECKING:
@@ -38,28 +39,26 @@ def check_picture_ending(path: Path) -> None:
         raise WarpchainError(f"-o {path}: must end in {', '.join(f'.{kind}' for kind in FIGURE_KINDS)}")
 
 
-def draw_lines(drive: Drive, path: Path) -> list[str]:
-    """Draws a drive; returns lines on its fit, what `check` finds, and the picture's name.
+def draw_lines(arguments: Namespace) -> Iterable[str]:
+    """Draws a drive, with --watch at every save until Ctrl-C; lines on its fit, findings and the picture.
 
     Raises:
-        WarpchainError: as `draw_drive` and `warpchain.assembly.summary.derived_quantities`.
+        WarpchainError: a drive that cannot be drawn or, with --watch, a picture's ending that is not allowed.
     """
+    return _lines_at_saves(arguments) if arguments.watch else _picture_lines(arguments)
+
+
+def _picture_lines(arguments: Namespace) -> list[str]:
+    """Draws a drive; returns lines on its fit, what `check` finds, and the picture's name."""
     from warpchain.assembly.summary import derived_quantities, fit_and_findings
 
-    draw_drive(drive, path)
-    return [*fit_and_findings(derived_quantities(drive)), str(path)]
+    drive = drive_of_arguments(arguments)
+    draw_drive(drive, arguments.output)
+    return [*fit_and_findings(derived_quantities(drive)), str(arguments.output)]
 
 
-def watch_drive_file(load: Callable[[], Drive], arguments: Namespace) -> None:
-    """Draws a drive whenever its file changes, until Ctrl-C; prints what is wrong and goes on.
-
-    Args:
-        load: reads the drive.
-        arguments: with "drive" and "output", as the parser has them.
-
-    Raises:
-        WarpchainError: a picture's ending that is not allowed.
-    """
+def _lines_at_saves(arguments: Namespace) -> Iterator[str]:
+    """Lines on a drive drawn whenever its file changes, until Ctrl-C, and on what is wrong."""
     from warpchain.drive.examples import drive_path
 
     check_picture_ending(arguments.output)
@@ -69,17 +68,17 @@ def watch_drive_file(load: Callable[[], Drive], arguments: Namespace) -> None:
             now = _file_state(file)
             if now != known:
                 known = now
-                for line in _draw_lines_or_errors(load, arguments.output):
-                    print(f"{time.strftime('%H:%M:%S')} {line}", flush=True)
+                for line in _draw_lines_or_errors(arguments):
+                    yield f"{time.strftime('%H:%M:%S')} {line}"
             time.sleep(WATCH_INTERVAL)
     except KeyboardInterrupt:
         return
 
 
-def _draw_lines_or_errors(load: Callable[[], Drive], path: Path) -> list[str]:
+def _draw_lines_or_errors(arguments: Namespace) -> list[str]:
     """Lines on a drive that is drawn, or its error's."""
     try:
-        return draw_lines(load(), path)
+        return _picture_lines(arguments)
     except WarpchainError as error:
         return [f"error: {line}" for line in str(error).splitlines()]
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from argparse import Namespace
 from collections.abc import Iterator
 from functools import cache
 from typing import Any
@@ -40,7 +41,7 @@ FINDINGS = {
 """Meanings of lines of `check`, by words that only they have."""
 
 
-def explanation_lines(text: str) -> list[str]:
+def explain_lines(arguments: Namespace) -> list[str]:
     """Lines on what a text names: a metric, column, key or limit, or those in a line of an error or of `check`.
 
     Raises:
@@ -50,6 +51,7 @@ def explanation_lines(text: str) -> list[str]:
     from warpchain.results.judgement import LIMIT_RULES
     from warpchain.results.metric_columns import COLUMN_BY_NAME
 
+    text = arguments.text
     names = list(dict.fromkeys(re.findall(r"\w[\w.]*\w|\w", text)))
     if len(names) > 1:  # of a sentence, only what cannot be a word of it
         names = [name for name in names if re.search(r"\w[._]\w", name)]

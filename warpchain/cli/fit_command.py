@@ -30,7 +30,7 @@ ANGLE_TOLERANCE = 1.0
 """Miss of a wanted arm angle that goes without a line [degrees]."""
 
 
-def fit_drive_file(arguments: Namespace) -> list[str]:
+def fit_lines(arguments: Namespace) -> list[str]:
     """Fits a drive file as asked and writes it; returns the lines to print.
 
     Raises:

@@ -8,15 +8,18 @@ import math
 import sys
 from dataclasses import asdict
 
-from warpchain.drive import Drive
+from warpchain.cli.shared_options import drive_of_arguments
 from warpchain.engine.jump import BOTH, UNITS, Jump, find_jumps
 
 
-def jump_command_lines(drive: Drive, arguments: argparse.Namespace) -> list[str]:
+def jump_lines(arguments: argparse.Namespace) -> list[str]:
     """Searches where a chain jumps a tooth, as asked; returns lines to print."""
+    from warpchain.engine import start_warp
+
+    start_warp(precompiled=False)
     quiet = arguments.quiet
     found = find_jumps(
-        drive,
+        drive_of_arguments(arguments),
         arguments.by,
         arguments.on,
         directions=BOTH if arguments.direction == "both" else (arguments.direction,),
@@ -33,7 +36,7 @@ def jump_command_lines(drive: Drive, arguments: argparse.Namespace) -> list[str]
     if arguments.json:
         directions = {jump.direction: _jump_json(jump, arguments.by) for jump in found}
         return [json.dumps({"units": "SI", "by": arguments.by, "unit": UNITS[arguments.by], **directions}, indent=2)]
-    return [line for jump in found for line in _jump_lines(jump, arguments.by)]
+    return [line for jump in found for line in _margin_lines(jump, arguments.by)]
 
 
 def margin_to_jump(jump: Jump, by: str) -> float | None:
@@ -50,7 +53,7 @@ def _jump_json(jump: Jump, by: str) -> dict[str, object]:
     return known | {"margin": margin_to_jump(jump, by)}
 
 
-def _jump_lines(jump: Jump, by: str) -> list[str]:
+def _margin_lines(jump: Jump, by: str) -> list[str]:
     """Lines on the load or wear at which a chain jumps one way."""
 
     def load_text(value: float) -> str:

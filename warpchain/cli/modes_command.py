@@ -6,6 +6,7 @@ import argparse
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from warpchain.cli.shared_options import drive_of_arguments
 from warpchain.drive import Drive
 from warpchain.errors import WarpchainError
 
@@ -16,13 +17,15 @@ if TYPE_CHECKING:
 MODE_ENDINGS = (".html", ".png", ".svg", ".rrd", ".npz")
 
 
-def mode_command_lines(drive: Drive, arguments: argparse.Namespace) -> list[str]:
+def modes_lines(arguments: argparse.Namespace) -> list[str]:
     """Finds a drive's modes, writes what was asked for; returns lines to print."""
+    from warpchain.engine import start_warp
     from warpchain.modal.campbell import MOST_PHASES, MOST_POINTS
     from warpchain.modal.eigenmodes import modes
     from warpchain.modal.mode_page import campbell_lines, mode_lines
 
-    path, speeds = arguments.output, arguments.speed
+    start_warp(precompiled=False)
+    drive, path, speeds = drive_of_arguments(arguments), arguments.output, arguments.speed
     if path is not None and path.suffix not in MODE_ENDINGS:
         raise WarpchainError(f"-o {path}: must end in {', '.join(MODE_ENDINGS)}")
     if len(speeds) > 2 or min(speeds) < 0.0 or speeds[:-1] >= speeds[1:] != []:

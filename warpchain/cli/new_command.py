@@ -75,7 +75,7 @@ class DriveRequest:
         return wrap_senses(list(self.centers))
 
 
-def new_drive_file(arguments: Namespace) -> list[str]:
+def new_lines(arguments: Namespace) -> list[str]:
     """Writes a new drive file and its schema; returns the lines to print.
 
     Raises:

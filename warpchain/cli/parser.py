@@ -12,6 +12,7 @@ import os
 import sys
 import warnings
 from collections.abc import Sequence
+from importlib import import_module
 from pathlib import Path
 from typing import Any, NoReturn
 
@@ -80,12 +81,26 @@ def _add_function_command(commands: Any, run: CommandBody, text: str, example: s
     return add_command(commands, run.__name__.partition("_")[0], run, text, example)
 
 
+def _command_of_file(name: str) -> CommandBody:
+    """Body of `warpchain NAME`: prints the lines of `NAME_lines` in `NAME_command.py`, imported only then."""
+
+    def run(arguments: argparse.Namespace) -> int:
+        """Prints the command's lines; returns exit status done."""
+        lines = getattr(import_module(f"warpchain.cli.{name}_command"), f"{name}_lines")
+        return do.print_lines(lines(arguments))
+
+    return run
+
+
+def _add_file_command(commands: Any, name: str, text: str, example: str) -> Any:
+    """Adds a command with a file of its own; returns its parser."""
+    return add_command(commands, name, _command_of_file(name), text, example)
+
+
 def _add_new_command(commands: Any) -> None:
     """Adds `warpchain new` to the parser."""
     example = "warpchain new drive.toml --size 16B --teeth 19 57 --centers 0 0 1.0 0 --speed 300rpm --torque 900"
-    parser = _add_function_command(
-        commands, do.new_command, "write a commented drive file from a size, teeth and centers", example
-    )
+    parser = _add_file_command(commands, "new", "write a commented drive file from a size, teeth and centers", example)
     parser.add_argument("output", metavar="OUT.toml", type=Path, help="drive file to write")
     parser.add_argument("--size", required=True, metavar="SIZE", help="of the chain, such as 16B (warpchain chains)")
     text = "of each sprocket, in the order in which the chain visits them; the first drives, the last is braked"
@@ -104,9 +119,9 @@ def _add_new_command(commands: Any) -> None:
 
 def _add_select_command(commands: Any) -> None:
     """Adds `warpchain select` to the parser."""
-    parser = _add_function_command(
+    parser = _add_file_command(
         commands,
-        do.select_command,
+        "select",
         "list the sizes and strands that standards rate for a power, and write the drive file of one",
         "warpchain select --power 7.5kW --speed 300rpm --ratio 3 --service moderate -o drive.toml",
     )
@@ -140,9 +155,9 @@ def _add_check_command(commands: Any) -> None:
 
 def _add_draw_command(commands: Any) -> None:
     """Adds `warpchain draw` to the parser."""
-    parser = _add_function_command(
+    parser = _add_file_command(
         commands,
-        do.draw_command,
+        "draw",
         "draw a drive before it runs, and print what check finds",
         "warpchain draw drive.toml -o drive.svg --watch",
     )
@@ -156,7 +171,7 @@ def _add_draw_command(commands: Any) -> None:
 def _add_explain_command(commands: Any) -> None:
     """Adds `warpchain explain` to the parser."""
     text = "say what a metric, a key of drive and study files, a limit, or a line of an error or of check means"
-    parser = _add_function_command(commands, do.explain_command, text, "warpchain explain tension_q999")
+    parser = _add_file_command(commands, "explain", text, "warpchain explain tension_q999")
     parser.add_argument("text", metavar="TEXT", help="one name, or the line of an error or of check")
 
 
@@ -193,9 +208,9 @@ def _add_devices_command(commands: Any) -> None:
 
 def _add_fit_command(commands: Any) -> None:
     """Adds `warpchain fit` to the parser."""
-    parser = _add_function_command(
+    parser = _add_file_command(
         commands,
-        do.fit_command,
+        "fit",
         "move a sprocket or pick the links for a wanted strain, preload or sag, in the drive file",
         "warpchain fit drive.toml --sprocket tightener --along 1,0 --preload 5000",
     )
@@ -224,9 +239,9 @@ def _add_fit_command(commands: Any) -> None:
 
 def _add_modes_command(commands: Any) -> None:
     """Adds `warpchain modes` to the parser."""
-    parser = _add_function_command(
+    parser = _add_file_command(
         commands,
-        do.modes_command,
+        "modes",
         "list a drive's natural frequencies, damping ratios and mode shapes",
         "warpchain modes marine --speed 0 15 -o modes.html",
     )
@@ -257,9 +272,9 @@ def _add_modes_command(commands: Any) -> None:
 
 def _add_tensioner_command(commands: Any) -> None:
     """Adds `warpchain tensioner` to the parser."""
-    parser = _add_function_command(
+    parser = _add_file_command(
         commands,
-        do.tensioner_command,
+        "tensioner",
         "impose a sine on a tensioner's plunger as a test rig does; print and draw what it does",
         "warpchain tensioner drive.toml tensioner --amplitude 2e-4 --frequency 100 -o loop.png",
     )
@@ -312,9 +327,7 @@ def _add_tensioner_command(commands: Any) -> None:
 def _add_jump_command(commands: Any) -> None:
     """Adds `warpchain jump` to the parser."""
     text = "find the torque, or the wear, at which the chain jumps a tooth, forward and in reverse"
-    parser = _add_function_command(
-        commands, do.jump_command, text, "warpchain jump industrial --by wear --direction forward"
-    )
+    parser = _add_file_command(commands, "jump", text, "warpchain jump industrial --by wear --direction forward")
     add_shared_options(parser, "drive")
     parser.add_argument("--by", choices=["torque", "wear"], default="torque", help="what grows (default torque)")
     on = "sprocket or shaft whose load grows, default the largest; with --by wear, the chain"
@@ -401,7 +414,7 @@ def _add_run_command(commands: Any) -> None:
 def _add_warm_command(commands: Any) -> None:
     """Adds `warpchain warm` to the parser."""
     text = "compile the kernels that runs need, so that the first one does not wait for them"
-    parser = _add_function_command(commands, do.warm_command, text, "warpchain warm")
+    parser = _add_file_command(commands, "warm", text, "warpchain warm")
     drives = "drive files or examples; default three whose kernels serve all drives of up to 231 links a chain on a CPU"
     parser.add_argument("drives", metavar="DRIVE", nargs="*", help=drives)
     parser.add_argument("--device", default="cpu", help='"cpu", "cuda", "cuda:1"; default cpu')
@@ -508,9 +521,9 @@ def _add_export_command(commands: Any) -> None:
 
 def _add_import_command(commands: Any) -> None:
     """Adds `warpchain import` to the parser."""
-    parser = _add_function_command(
+    parser = _add_file_command(
         commands,
-        do.import_command,
+        "import",
         "lay a measured signal (CSV, MAT, MDF, TDMS) over a run: statistics, orders, figures, Rerun",
         "warpchain import rig.csv marine.mcap --as 'camshaft->crankshaft.tension' --unit kN -o rig.png rig.rrd",
     )

@@ -68,7 +68,7 @@ class PowerRequest(NamedTuple):
     centers: float | None
 
 
-def select_chain(arguments: Namespace) -> list[str]:
+def select_lines(arguments: Namespace) -> list[str]:
     """Lines on chain sizes that do for a power; with an output, writes one's drive file.
 
     Raises:

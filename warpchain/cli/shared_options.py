@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from warpchain.argument_checks import MOST_WORKERS
+from warpchain.errors import WarpchainError
 
 CommandBody = Callable[[argparse.Namespace], int]
 """Function of a command, from arguments to exit status."""
@@ -44,6 +45,32 @@ def load_plugins_of_arguments(arguments: argparse.Namespace) -> None:
 
         for path in arguments.plugin:
             load_plugin(path)
+
+
+def value_from_word(word: str) -> Any:
+    """Value of a command's --set as TOML, else a text."""
+    import tomllib
+
+    try:
+        table = tomllib.loads(f"value = {word}")
+    except (ValueError, RecursionError):  # also a number of thousands of digits
+        return word
+    return table["value"] if len(table) == 1 else word
+
+
+def drive_of_arguments(arguments: argparse.Namespace) -> Any:
+    """Drive that a command's arguments name, changed by --set."""
+    from warpchain.drive import load_drive
+    from warpchain.drive.examples import drive_path
+
+    drive = load_drive(drive_path(arguments.drive))
+    changes = {}
+    for change in arguments.set:
+        path, mark, value = change.partition("=")
+        if not mark or not path.strip():
+            raise WarpchainError(f"--set {change}: must be PATH=VALUE, such as run.duration=0.5")
+        changes[path.strip()] = value_from_word(value.strip())
+    return drive.with_values(changes) if changes else drive
 
 
 def number_from_word(word: str) -> float:

@@ -8,6 +8,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from warpchain.cli.shared_options import drive_of_arguments
 from warpchain.drive import Drive
 from warpchain.errors import ArchiveError, WarpchainError
 
@@ -24,8 +25,12 @@ COLDEST, HOTTEST = -60.0, 300.0
 """Temperatures [degrees C] for which the law of viscosity holds."""
 
 
-def tensioner_lines(drive: Drive, arguments: argparse.Namespace) -> list[str]:
+def tensioner_lines(arguments: argparse.Namespace) -> list[str]:
     """Rides a tensioner as asked, writes what was asked for; returns lines to print."""
+    from warpchain.engine import start_warp
+
+    start_warp(precompiled=False)
+    drive = drive_of_arguments(arguments)
     path: Path | None = arguments.output
     if path is not None and path.suffix not in FIGURE_ENDINGS + TABLE_ENDINGS:
         raise WarpchainError(f"-o {path}: must end in {', '.join(FIGURE_ENDINGS + TABLE_ENDINGS)}")

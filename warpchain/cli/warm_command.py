@@ -28,7 +28,9 @@ def warm_lines(arguments: Namespace) -> Iterator[str]:
     """
     from warpchain.drive import load_drive
     from warpchain.drive.examples import drive_path
+    from warpchain.engine import start_warp
 
+    start_warp(precompiled=False)
     names = arguments.drives or WARMED_EXAMPLES
     drives = [load_drive(drive_path(name)) for name in names]
     yield "kernels that are not there yet take some 10 s for a drive on two free cores, once on a machine"

@@ -135,8 +135,8 @@ def guide_load_table(found: EngineeringReport, metrics: Mapping[str, float], row
             heat,
             f"{100.0 * (1.0 - load.touching):.1f} %",
         ])  # fmt: skip
-    head = ["guide", "mean force", "largest force of a roller or pin", "largest mean load", "sliding speed", "largest p v",
-            "mean pressure over the width", "p v over the width", "time untouched"]  # fmt: skip
+    head = ["guide", "mean force", "largest force of a roller or pin", "largest mean load", "sliding speed",
+            "largest p v", "mean pressure over the width", "p v over the width", "time untouched"]  # fmt: skip
     return table_html(head, rows)
 
 

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 SIGNAL_ENDINGS = (".png", ".svg", ".rrd", ".json")
 
 
-def compare_signal(arguments: argparse.Namespace) -> list[str]:
+def import_lines(arguments: argparse.Namespace) -> list[str]:
     """Compares a measured signal with a run, writes what was asked for; returns lines to print."""
     from warpchain.results.measured import compare_signals, signal_source
     from warpchain.results.measured_columns import MeasuredColumns
