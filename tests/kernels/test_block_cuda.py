@@ -101,7 +101,7 @@ CALLS = [
 @pytest.mark.long
 @pytest.mark.parametrize(("name", "precision", "kernel", "each"), CALLS)
 def test_a_time_loop_calls_no_function_of_the_block(tmp_path, name, precision, kernel, each):
-    # a call takes structs through memory, where the whole kernel then keeps them: marine took 1.2 times as long, car
+    # a call takes structs through memory, where the whole kernel then keeps them: marine took 1.2 times as long, car,
     # engine and motorcycle_drivetrain twice (docs/kernels.md)
     packed = pack_for([example(name)], [Schedule(1e-6, 100, 0, 100, 0)], precision)
     columns = {field: int(values[0]) for field, values in variant_kind_columns(packed).items()}
