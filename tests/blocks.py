@@ -761,6 +761,8 @@ def assert_steps_of_the_cpu(drives, many, precision, family=()):
             exact = 1.2e-7 if (name, field) == ("chain", "friction") else 1e-9  # of couples that are kept as float32
             if (name, field) == ("contact", "dissipated"):  # a sum of powers that nearly cancel
                 exact = 1e-8
+            if (name, field) == ("arm", "late_work"):  # of `swung_light`'s, a rounding of the first state moves 2.6e-9
+                exact = 1e-8
             loose = exact if precision == "float64" else 0.1 if field == "late_work" else 1e-2
             close(mine[field], theirs_[field], rtol=loose, atol=loose * scale, err_msg=f"{name}.{field}")
     for name in ("chain", "mount", "arm", "tensioner", "coupling"):  # dampers never give
