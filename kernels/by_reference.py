@@ -14,7 +14,7 @@ BODY, FORWARD = "\n{\n", "    // forward\n"
 
 VARIABLE = re.compile(r"\bvar_\w+")
 ARRAY = re.compile(r"^ +wp::array_t<.*>\* (var_\w+);", re.MULTILINE)
-ELEMENT = re.compile(r"wp::index\(\*\((var_\w+)\)")
+ELEMENT = re.compile(r"wp::(?:index|array_atomic_\w+)\(\*\((var_\w+)\)")
 ADDRESS = re.compile(r"(var_\w+) = &\((.*)\);")
 LOAD = re.compile(r"(var_\w+) = wp::load\(var_\w+\);")
 COPY = re.compile(r"(?:return |(ret_\w+|var_[\w.]+) = )(var_\w+);")

@@ -19,6 +19,7 @@ class Given:
     row: wp.vec2
     values: wp.array[float]
     inner: Inner
+    inners: wp.array[Inner]
 
 
 @wp.func
@@ -38,6 +39,12 @@ def reads(given: Given):
 @wp.func
 def writes_an_element(given: Given):
     given.values[0] = given.values[1]
+    return given.value
+
+
+@wp.func
+def adds_to_a_field_of_an_element(given: Given):
+    given.inners[0].value -= given.value
     return given.value
 
 
@@ -83,6 +90,7 @@ def passes_on_what_it_writes(given: Given):
     [
         (reads, True),
         (writes_an_element, True),
+        (adds_to_a_field_of_an_element, True),
         (writes_a_field, False),
         (writes_a_component, False),
         (adds_to_a_component, False),
