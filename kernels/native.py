@@ -90,13 +90,13 @@ def row_access(Real: type) -> RowAccess:
 
     @wp.func_native("""
         assert(first >= 0 && first + (rows - 1) * pitch + count <= a.shape[0]);
-        assert(to >= 0 && to + (rows - 1) * to_pitch + count <= a.shape[0] && count % 8 == 0);
+        assert(to >= 0 && to + (rows - 1) * to_pitch + count <= a.shape[0] && count % (32 / sizeof(*a.data)) == 0);
         for (int r = 0; r < rows; ++r)
-            for (int k = 0; k < count; k += 8)
-                __builtin_memcpy(a.data + to + r * to_pitch + k, a.data + first + r * pitch + k, 8 * sizeof(*a.data));
+            for (int k = 0; k < count; k += 32 / sizeof(*a.data))
+                __builtin_memcpy(a.data + to + r * to_pitch + k, a.data + first + r * pitch + k, 32);
     """)
     def copy_rows(a: wp.array[Real], first: int, pitch: int, to: int, to_pitch: int, rows: int, count: int):
-        """Copies `rows` times `count` values of an array, by eight, that begin `pitch` apart to `to_pitch` apart."""
+        """Copies `rows` times `count` values of an array, in whole vectors, from `pitch` apart to `to_pitch` apart."""
 
     @wp.func_native("""
         auto view = a;

@@ -13,13 +13,13 @@ from ..physics.toe import point_mobility
 from ..structs import GROUND, Drive, Piece, Pose, types
 from .contact_rows import contact_row_functions
 from .guides import guide_functions
+from .link_forces import link_force_functions
 from .link_motions import link_motion_functions
 from .link_runs import LinkRun, link_run_functions
 from .near_rollers import near_roller_functions
 from .neighbor_list import Group, lowest_bit, neighbor_list_functions, single_bit, without_lowest_bit
 from .partners import partner_functions
 from .rollers import roller_functions, rows
-from .toe_pairs import toe_pair_functions
 
 
 @dataclass(frozen=True)
@@ -41,7 +41,7 @@ def back_functions(Real: type, capacity: int) -> BackFunctions:
     neighbor_list = neighbor_list_functions(Real, capacity)
     link_runs = link_run_functions(Real, capacity)
     motions = link_motion_functions(Real, capacity)
-    toe_pairs = toe_pair_functions(Real, capacity)
+    link_forces = link_force_functions(Real, capacity, False)
     rollers = roller_functions(Real, capacity)
     access, seat_access = row_access(Real), row_access(wp.int32)
     row = rows(capacity)
@@ -98,7 +98,7 @@ def back_functions(Real: type, capacity: int) -> BackFunctions:
     ):
         """Stores contacts of a run's backs with a guide, bits `over` of them over it, after `find_facing`."""
         contacts = access.shifted_rows(w, run.rows - run.low)
-        high = run.low + access.whole_vectors(run.count)
+        high = run.low + run.pitch
         i = run.low
         while i < high:
             link = motions.link_at(w, i + 1)
@@ -175,10 +175,11 @@ def back_functions(Real: type, capacity: int) -> BackFunctions:
             if partner.body != GROUND:
                 memory.straight = vec2(Real(partner.pose.straight[0]), Real(partner.pose.straight[1]))
                 memory.angular = Real(partner.pose.angular)
-            links = link_runs.link_run(drive, group.first, group.near)
+            links = link_runs.link_run(drive, group.first, group.near, 0, 0)
             find_back_contacts(w, links, group, ensemble.plates[place].side, partner, ensemble.pieces, memory)
             friction = partners.friction_of_partner(ensemble, drive, p)
             slot = drive.first_sprocket + drive.first_guide + p
-            toe_pairs.add_back_forces(w, links, partner.guide.law, friction, memory, state.totals, slot, drive.rollers)
+            law = partner.guide.law
+            link_forces.add_contact_forces(w, links, LinkRun(), law, friction, memory, state.totals, slot)
 
     return BackFunctions(add_run_of_backs=add_run_of_backs)

@@ -18,6 +18,9 @@ from .rollers import rows
 class ContactFrictionFunctions:
     """CPU contact friction functions."""
 
+    recall_bristles: wp.Function
+    add_friction: wp.Function
+    keep_bristles: wp.Function
     add_friction_forces: wp.Function
 
 
@@ -69,9 +72,8 @@ def contact_friction_functions(Real: type, capacity: int) -> ContactFrictionFunc
             i = i + 1
 
     @wp.func
-    def add_friction_forces(w: wp.array[Real], group: Group, friction: kinds.Friction, memory: Memory):
-        """Adds friction to the contact forces of a group."""
-        recall_bristles(w, group, memory)
+    def add_friction(w: wp.array[Real], group: Group, friction: kinds.Friction, stretch_part: Real):
+        """Adds friction to the contact forces of a group, whose bristles are in their row."""
         i = group.low
         while i < group.high:
             access.store(w, row.mu + i, friction.mu_dynamic)
@@ -90,11 +92,22 @@ def contact_friction_functions(Real: type, capacity: int) -> ContactFrictionFunc
                 access.load(w, row.bristle + i),
             )
             drag, holds = bristle_friction(
-                mu * size, roller_sliding_speed(w, i), held, friction.spring, friction.damper, memory.stretch_part
+                mu * size, roller_sliding_speed(w, i), held, friction.spring, friction.damper, stretch_part
             )
             store_friction(w, i, drag, holds)
             i = i + 1
+
+    @wp.func
+    def add_friction_forces(w: wp.array[Real], group: Group, friction: kinds.Friction, memory: Memory):
+        """Adds friction to the contact forces of a group of rollers."""
+        recall_bristles(w, group, memory)
+        add_friction(w, group, friction, memory.stretch_part)
         if memory.stage == 0:
             keep_bristles(w, group, memory)
 
-    return ContactFrictionFunctions(add_friction_forces=add_friction_forces)
+    return ContactFrictionFunctions(
+        recall_bristles=recall_bristles,
+        add_friction=add_friction,
+        keep_bristles=keep_bristles,
+        add_friction_forces=add_friction_forces,
+    )

@@ -1,7 +1,7 @@
 """Links of a silent chain that may touch one partner, and what their contacts keep for the next step.
 
-The contact of end k of the link at pin `low` + j of a run has number k `GROUP` + j in rows of contacts. These are
-apart from rows of pins, as compilers check at run time.
+Contact j + k `ENDS_APART` of a run's rows of contacts is that of end `end` + k of the link at pin `low` + j. These rows
+are apart from rows of pins, as compilers check at run time.
 """
 
 from dataclasses import dataclass
@@ -15,6 +15,9 @@ from .contact_rows import contact_row_functions
 from .neighbor_list import GROUP, highest_bit, lowest_bit
 from .rollers import rows
 
+ENDS_APART = wp.constant(2 * int(GROUP))
+"""Places from a contact's to that of the next end of the same link."""
+
 
 @wp.struct
 class LinkRun:
@@ -22,7 +25,10 @@ class LinkRun:
 
     low: wp.int32  # the first
     count: wp.int32
+    pitch: wp.int32  # the count in whole vectors, which are worked out
     rows: wp.int32  # where rows of contacts begin
+    end: wp.int32  # of a link, to which the first contacts belong
+    pins: wp.int32  # of the chain
 
 
 @dataclass(frozen=True)
@@ -73,32 +79,37 @@ def link_run_functions(Real: type, capacity: int) -> LinkRunFunctions:
         return copy_pushes
 
     @wp.func
-    def link_run(drive: Drive, first: int, bits: wp.uint64):
-        """Pins from the lowest to the highest of `bits`, from `first` on; none of 0."""
+    def link_run(drive: Drive, first: int, bits: wp.uint64, end: int, before: int):
+        """Pins from the lowest to the highest of `bits`, from `first` on; none of 0. Contacts come after `before`."""
         run = LinkRun()
-        run.rows = contact_rows.push_row(drive, contact_rows.link_contacts(drive))
+        run.rows = contact_rows.push_row(drive, contact_rows.link_contacts(drive)) + before
+        run.end = end
+        run.pins = drive.rollers
         if bits != wp.uint64(0):
-            low, end = lowest_bit(bits), highest_bit(bits) + 1
-            low = wp.min(low, GROUP - access.whole_vectors(end - low))  # whole vectors without the next run's pins
+            low, high = lowest_bit(bits), highest_bit(bits) + 1
+            low = wp.min(low, GROUP - access.round_up(high - low))  # whole vectors without the next run's pins
             run.low = first + low
-            run.count = end - low
+            run.count = high - low
+            run.pitch = access.round_up(run.count)
         return run
 
     @wp.func
     def recall_contacts(w: wp.array[Real], run: LinkRun, ends: int, memory: Memory):
         """Copies what a run's contacts have kept to their rows."""
-        pitch, count = wp.static(capacity), access.whole_vectors(run.count)
-        access.copy_rows(w, memory.speed_row + run.low, pitch, run.rows + row.v0_before, GROUP, ends, count)
-        access.copy_rows(w, memory.push_row + run.low, pitch, run.rows + row.pushed, GROUP, ends, count)
-        access.copy_rows(w, memory.damper_row + run.low, pitch, run.rows + row.held, GROUP, ends, count)
+        pitch, to, count = wp.static(capacity), ENDS_APART, run.pitch
+        first = run.end * pitch + run.low
+        access.copy_rows(w, memory.speed_row + first, pitch, run.rows + row.v0_before, to, ends, count)
+        access.copy_rows(w, memory.push_row + first, pitch, run.rows + row.pushed, to, ends, count)
+        access.copy_rows(w, memory.damper_row + first, pitch, run.rows + row.held, to, ends, count)
 
     @wp.func
     def keep_contacts(w: wp.array[Real], run: LinkRun, ends: int, memory: Memory):
         """Copies what a run's contacts keep from their rows."""
-        pitch, count = wp.static(capacity), access.whole_vectors(run.count)
-        access.copy_rows(w, run.rows + row.v0_kept, GROUP, memory.speed_row + run.low, pitch, ends, count)
-        access.copy_rows(w, run.rows + row.force_size, GROUP, memory.push_row + run.low, pitch, ends, count)
-        access.copy_rows(w, run.rows + row.damper_speed, GROUP, memory.damper_row + run.low, pitch, ends, count)
+        pitch, of, count = wp.static(capacity), ENDS_APART, run.pitch
+        first = run.end * pitch + run.low
+        access.copy_rows(w, run.rows + row.v0_kept, of, memory.speed_row + first, pitch, ends, count)
+        access.copy_rows(w, run.rows + row.force_size, of, memory.push_row + first, pitch, ends, count)
+        access.copy_rows(w, run.rows + row.damper_speed, of, memory.damper_row + first, pitch, ends, count)
 
     return LinkRunFunctions(
         fetch_pushes=push_function(True),

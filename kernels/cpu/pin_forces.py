@@ -12,7 +12,7 @@ from ..native import row_access
 from ..physics.contact import reaction_moment
 from ..physics.toe import ENDS, force_on_far_pin
 from ..structs import types
-from .link_runs import LinkRun
+from .link_runs import ENDS_APART, LinkRun
 from .neighbor_list import GROUP, lowest_bit, without_lowest_bit
 from .rollers import roller_functions, rows
 
@@ -54,22 +54,27 @@ def pin_force_functions(Real: type, capacity: int) -> PinForceFunctions:
     def add_function(ends: int) -> wp.Function:
         """Function that adds the forces of contacts of `ends` ends of links."""
 
-        @wp.func
-        def add_to_pins(w: wp.array[Real], run: LinkRun, count: int):
-            """Adds contact forces to rows of `count` pins of a run, and stores their moments on the partner."""
+        @wp.func(inline=True)
+        def add_side_to_pins(w: wp.array[Real], run: LinkRun, after: bool, to_x: int, to_y: int):
+            """Adds the forces on links after a run's pins, or before them, to rows of near and far pins."""
             contacts = access.shifted_rows(w, run.rows - run.low)
             i = run.low
-            while i < run.low + count:
+            while i < run.low + run.pitch:
                 for end in range(wp.static(ends)):
-                    to_x, to_y = row.next_x + 1 + i, row.next_y + 1 + i
-                    if end > 1:
-                        to_x, to_y = row.last_x + 1 + i, row.last_y + 1 + i
-                    near_x, near_y, far_x, far_y = force_shares(w, contacts, i, i + end * GROUP, end < 2)
+                    near_x, near_y, far_x, far_y = force_shares(w, contacts, i, i + end * ENDS_APART, after)
                     access.store(w, row.near_x + i, access.load(w, row.near_x + i) + near_x)
                     access.store(w, row.near_y + i, access.load(w, row.near_y + i) + near_y)
-                    access.store(w, to_x, access.load(w, to_x) + far_x)
-                    access.store(w, to_y, access.load(w, to_y) + far_y)
+                    access.store(w, to_x + 1 + i, access.load(w, to_x + 1 + i) + far_x)
+                    access.store(w, to_y + 1 + i, access.load(w, to_y + 1 + i) + far_y)
                 i = i + 1
+
+        @wp.func
+        def add_to_pins(w: wp.array[Real], run: LinkRun):
+            """Adds contact forces to rows of a run's pins, and stores their moments on the partner."""
+            if run.end == 0:
+                add_side_to_pins(w, run, True, row.next_x, row.next_y)
+            else:
+                add_side_to_pins(w, run, False, row.last_x, row.last_y)
 
         return add_to_pins
 
@@ -129,7 +134,7 @@ def pin_force_functions(Real: type, capacity: int) -> PinForceFunctions:
 
     return PinForceFunctions(
         clear_rows=clear_rows,
-        add_to_pins=(add_function(int(ENDS)), add_function(1)),
+        add_to_pins=(add_function(int(ENDS) // 2), add_function(1)),
         join_forces=join_forces,
         keep_forces=keep_forces,
     )

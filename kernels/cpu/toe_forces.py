@@ -8,7 +8,6 @@ import warp as wp
 from ..native import products, row_access
 from ..physics.contact import is_changing_contact, normal_force, power_of_force, steady_force
 from ..physics.impact import elastic_force, law_at_roller
-from ..physics.toe import ENDS
 from ..structs import types
 from .contact_rows import contact_row_functions
 from .neighbor_list import GROUP, Group, lowest_bit, without_lowest_bit
@@ -19,7 +18,7 @@ from .rollers import rows
 class ToeForceFunctions:
     """CPU functions of the forces of teeth on toes."""
 
-    find_normal_forces: tuple[wp.Function, wp.Function]  # of toes, and of backs
+    find_normal_forces: wp.Function
     find_powers: wp.Function
 
 
@@ -58,7 +57,7 @@ def toe_force_functions(Real: type, capacity: int) -> ToeForceFunctions:
         mobility = access.load(w, row.point_mobility + i)
         return law_at_roller(law, Real(1.0) / mobility, mobility)
 
-    @wp.func
+    @wp.func(inline=True)
     def find_steady_force(w: wp.array[Real], i: int, law: kinds.ContactLaw, memory: Memory):
         """Stores the normal force of a contact that does not change within the step; returns 1 if it does."""
         penetration, before = access.load(w, row.penetration + i), access.load(w, row.v0_before + i)
@@ -87,31 +86,24 @@ def toe_force_functions(Real: type, capacity: int) -> ToeForceFunctions:
             store_normal_force(w, i, size, kept, damper)
             bits = without_lowest_bit(bits)
 
-    def normal_force_function(ends: int) -> wp.Function:
-        """Function that finds normal forces of the contacts of `ends` ends of links."""
-
-        @wp.func
-        def find_normal_forces(w: wp.array[Real], count: int, law: kinds.ContactLaw, memory: Memory):
-            """Stores the normal forces of contacts of `count` pins."""
-            changing = int(0)
-            i = int(0)
-            if law.exponent == Real(1.0) and law.most_damping == Real(0.0):
-                law.exponent = Real(1.0)  # so that the compiler knows
-                law.most_damping = Real(0.0)
-                while i < count:
-                    for k in range(wp.static(ends)):
-                        changing = changing | find_steady_force(w, k * GROUP + i, law, memory)
-                    i = i + 1
-            while i < count:
-                for k in range(wp.static(ends)):
-                    changing = changing | find_steady_force(w, k * GROUP + i, law, memory)
+    @wp.func
+    def find_normal_forces(w: wp.array[Real], group: Group, law: kinds.ContactLaw, memory: Memory):
+        """Stores the normal forces of a group's contacts."""
+        changing, high = int(0), group.high
+        i = group.low
+        if law.exponent == Real(1.0) and law.most_damping == Real(0.0):
+            law.exponent = Real(1.0)  # so that the compiler knows
+            law.most_damping = Real(0.0)
+            while i < high:
+                changing = changing | find_steady_force(w, i, law, memory)
                 i = i + 1
-            end = wp.where(changing != 0, 0, wp.static(ends))
-            while end < wp.static(ends):
-                mend_changing_forces(w, end * GROUP, count, law, memory)
-                end = end + 1
-
-        return find_normal_forces
+        while i < high:
+            changing = changing | find_steady_force(w, i, law, memory)
+            i = i + 1
+        first = wp.where(changing != 0, group.low, group.high)
+        while first < group.high:
+            mend_changing_forces(w, first, wp.min(group.high - first, GROUP), law, memory)
+            first = first + GROUP
 
     @wp.func
     def store_powers(w: wp.array[Real], i: int, law: kinds.ContactLaw, rubs: bool, memory: Memory):
@@ -135,18 +127,16 @@ def toe_force_functions(Real: type, capacity: int) -> ToeForceFunctions:
 
         Accelerations are by contacts as in the step before: `join_forces` has the rest.
         """
-        began = int(0)
+        began, high = int(0), group.high
         i = group.low
         if law.exponent == Real(1.0):
             law.exponent = Real(1.0)  # so that the compiler knows
-            while i < group.high:
+            while i < high:
                 began = began | store_powers(w, i, law, rubs, memory)
                 i = i + 1
-        while i < group.high:
+        while i < high:
             began = began | store_powers(w, i, law, rubs, memory)
             i = i + 1
         return began
 
-    return ToeForceFunctions(
-        find_normal_forces=(normal_force_function(int(ENDS)), normal_force_function(1)), find_powers=find_powers
-    )
+    return ToeForceFunctions(find_normal_forces=find_normal_forces, find_powers=find_powers)

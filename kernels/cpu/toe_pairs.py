@@ -5,29 +5,22 @@ from functools import cache
 
 import warp as wp
 
-from ..native import row_access
 from ..physics.toe import ENDS
-from ..structs import Drive, Totals, types
-from .contact_friction import contact_friction_functions
+from ..structs import Drive, types
 from .contact_rows import contact_row_functions
-from .contact_sums import contact_sum_functions
-from .link_runs import LinkRun, link_run_functions
+from .link_forces import link_force_functions
+from .link_runs import link_run_functions
 from .near_rollers import near_roller_functions
-from .neighbor_list import GROUP, Group, neighbor_list_functions
+from .neighbor_list import neighbor_list_functions
 from .partners import partner_functions
-from .pin_forces import pin_force_functions
-from .rollers import rows
-from .teeth import tooth_functions
-from .toe_forces import toe_force_functions
 from .toes import toe_functions
 
 
 @dataclass(frozen=True)
 class ToePairFunctions:
-    """CPU functions of a silent chain's contacts with one wheel, and what those of backs have in common with them."""
+    """CPU functions of a silent chain's contacts with one wheel."""
 
     add_run_of_toes: wp.Function
-    add_back_forces: wp.Function
 
 
 @cache
@@ -35,78 +28,13 @@ def toe_pair_functions(Real: type, capacity: int) -> ToePairFunctions:
     """CPU functions of a silent chain's contacts with one wheel, for rows of `capacity` values of type `Real`."""
     kinds = types(Real)
     Ensemble, State, Memory, Plate = kinds.Ensemble, kinds.State, kinds.Memory, kinds.Plate
-    access = row_access(Real)
     partners = partner_functions(Real)
     link_runs = link_run_functions(Real, capacity)
+    link_forces = link_force_functions(Real, capacity, True)
     near_rollers = near_roller_functions(Real, capacity)
-    teeth = tooth_functions(Real, capacity)
     toes = toe_functions(Real, capacity)
-    toe_forces = toe_force_functions(Real, capacity)
-    pin_forces = pin_force_functions(Real, capacity)
     contact_rows = contact_row_functions(Real, capacity)
-    contact_sums = contact_sum_functions(Real, capacity)
-    contact_friction = contact_friction_functions(Real, capacity)
-    row = rows(capacity)
     neighbor_list = neighbor_list_functions(Real, capacity)
-
-    @wp.func
-    def add_friction(w: wp.array[Real], group: Group, pins: int, friction: kinds.Friction, memory: Memory):
-        """Adds friction to forces of a group of contacts, whose bristles are those of `pins` more."""
-        memory.first = memory.first + pins
-        contact_friction.add_friction_forces(w, group, friction, memory)
-
-    def force_function(on_teeth: bool) -> wp.Function:
-        """Function that adds the forces of links' contacts on teeth or a guide."""
-        sizes = row.sprocket_force if on_teeth else row.guide_force
-        ends = int(ENDS) if on_teeth else 1
-        find_normal_forces = toe_forces.find_normal_forces[int(not on_teeth)]
-        add_to_pins = pin_forces.add_to_pins[int(not on_teeth)]
-
-        @wp.func
-        def add_contact_forces(
-            w: wp.array[Real],
-            run: LinkRun,
-            law: kinds.ContactLaw,
-            friction: kinds.Friction,
-            memory: Memory,
-            totals: wp.array[Totals],
-            slot: int,
-            n: int,
-        ):
-            """Adds the forces of a run's contacts to rows of pins and to the partner's totals."""
-            measured = memory.wanted.measures != 0
-            rubs = friction.inertia > Real(0.0)
-            count = access.whole_vectors(run.count)
-            contacts = access.shifted_rows(w, run.rows)
-            find_normal_forces(contacts, count, law, memory)
-            end = wp.where(rubs, 0, wp.static(ends))
-            while end < wp.static(ends):
-                group = neighbor_list.whole_group(end * GROUP, end * GROUP + count)
-                add_friction(contacts, group, end * n + run.low - group.low, friction, memory)
-                end = end + 1
-            add_to_pins(w, run, count)
-            if memory.stage == 0:
-                link_runs.keep_contacts(w, run, wp.static(ends), memory)
-            end = int(0)
-            while end < wp.static(ends):
-                group = neighbor_list.whole_group(end * GROUP, end * GROUP + run.count)
-                if measured:
-                    whole = neighbor_list.whole_group(group.low, group.low + count)
-                    began = toe_forces.find_powers(contacts, whole, law, rubs, memory)
-                    contact_sums.add_measured_totals(contacts, group, law, friction, memory.wanted, totals, slot)
-                    if began != 0:
-                        totals[slot].impacts += contact_sums.count_beginning(contacts, group)
-                        if wp.static(on_teeth):
-                            totals[slot].contacts += teeth.count_first_contacts(contacts, group)
-                else:
-                    contact_sums.add_totals(contacts, group, totals, slot, False, False)
-                if memory.wanted.sizes != 0:
-                    contact_rows.add_force_sizes(contacts, group, wp.static(sizes) - run.rows + run.low - group.low)
-                end = end + 1
-
-        return add_contact_forces
-
-    add_toe_forces = force_function(True)
 
     @wp.func
     def plate_by_value(plate: Plate):
@@ -137,20 +65,24 @@ def toe_pair_functions(Real: type, capacity: int) -> ToePairFunctions:
         partner = partners.sprocket_partner(ensemble, state, drive, p)
         memory.speed_row = contact_rows.speed_row(drive, p * ENDS)
         group = near_rollers.find_gap_contacts(w, ensemble, first, first + count, n, partner, memory)
-        links = toes.seated_run(w, drive, group, p)
-        if links.count > 0:
+        own = plate_by_value(ensemble.plates[place])
+        after_bits, before_bits = toes.find_near_toes(w, group, own, partner.sprocket, p, memory)
+        after = link_runs.link_run(drive, group.first, after_bits, 0, 0)
+        before = link_runs.link_run(drive, group.first, before_bits, 2, after.pitch)
+        if after.count + before.count > 0:
             friction = partners.friction_of_partner(ensemble, drive, p)
             pose = state.poses[drive.first_body + p]
-            own = plate_by_value(ensemble.plates[place])
             memory.straight = kinds.vec2(Real(pose.straight[0]), Real(pose.straight[1]))
             memory.angular = Real(pose.angular)
             memory.damper_row = contact_rows.damper_row(p * ENDS)
             memory.push_row = contact_rows.push_row(drive, p * ENDS)
-            toes.find_contacts(w, links, own, partner.sprocket, partner.pose, partner.body, memory)
+            side = int(0)
+            while side < 2:
+                links = link_forces.run_of_side(after, before, side)
+                toes.find_contacts(w, links, group.high, own, partner.sprocket, partner.pose, p, memory)
+                side = side + 1
             slot = drive.first_sprocket + drive.first_guide + p
-            add_toe_forces(w, links, partner.sprocket.law, friction, memory, state.totals, slot, n)
+            law = partner.sprocket.law
+            link_forces.add_contact_forces(w, after, before, law, friction, memory, state.totals, slot)
 
-    return ToePairFunctions(
-        add_run_of_toes=add_run_of_toes,
-        add_back_forces=force_function(False),
-    )
+    return ToePairFunctions(add_run_of_toes=add_run_of_toes)

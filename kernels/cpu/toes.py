@@ -1,6 +1,7 @@
 """Contacts of a silent chain's toes with the teeth of one wheel, for the pins that have seats there (`physics.toe`).
 
-A pin has four contacts, with the flank ends of its two links.
+A pin has four contacts, with the flank ends of its two links. Of most pins one link stands off both flanks of the gap:
+contacts are worked out from the first to the last pin whose link after it may touch, and likewise of links before.
 """
 
 from dataclasses import dataclass
@@ -8,14 +9,22 @@ from functools import cache
 
 import warp as wp
 
-from ..native import row_access
+from ..native import larger, row_access
 from ..physics.contact import AWAY, memory_after_teeth, rotated_vector
-from ..physics.toe import ENDS, point_mobility, rotated_to_gap, seated_toe_contact, toe_contact
-from ..structs import Drive, Pose, types
+from ..physics.toe import (
+    ENDS,
+    is_off_flanks,
+    point_mobility,
+    rotated_to_gap,
+    seated_toe_contact,
+    toe_arcs,
+    toe_contact,
+)
+from ..structs import Pose, types
 from .contact_rows import contact_row_functions
 from .link_motions import link_motion_functions
-from .link_runs import LinkRun, link_run_functions
-from .neighbor_list import GROUP, Group, lowest_bit, without_lowest_bit
+from .link_runs import ENDS_APART, LinkRun, link_run_functions
+from .neighbor_list import Group, lowest_bit, without_lowest_bit
 from .rollers import rows
 
 
@@ -23,7 +32,7 @@ from .rollers import rows
 class ToeFunctions:
     """CPU functions of toes' contacts with one wheel."""
 
-    seated_run: wp.Function
+    find_near_toes: wp.Function
     find_contacts: wp.Function
 
 
@@ -53,75 +62,103 @@ def toe_functions(Real: type, capacity: int) -> ToeFunctions:
         return vec2(radial, lateral)
 
     @wp.func
+    def is_near_toe(
+        w: wp.array[Real], i: int, after: bool, outward: vec2, plate: Plate, sprocket: Sprocket, memory: Memory
+    ):
+        """Whether pin i's link after it, or before it, may touch a tooth of the pin's gap, or did in the last step."""
+        link, sign = links.link_at(w, i + wp.where(after, 1, 0)), wp.where(after, Real(1.0), Real(-1.0))
+        u = direction_at_seat(link, sign, outward)
+        xi, lateral = access.load(w, row.radial + i), access.load(w, row.lateral + i)
+        tip, begin, _middle = toe_arcs(xi, lateral, u, link.length, after, plate)
+        speed = memory.speed_row + wp.where(after, 0, wp.static(int(ENDS) // 2 * capacity)) + i
+        before = larger(access.load(w, speed), access.load(w, speed + wp.static(capacity)))
+        return before > Real(0.0) or not is_off_flanks(tip, begin, sprocket)
+
+    @wp.func
+    def find_near_toes(w: wp.array[Real], group: Group, plate: Plate, sprocket: Sprocket, number: int, memory: Memory):
+        """Bits of a group's pins whose link after them may touch wheel `number`, and of those whose link before may.
+
+        Gap coordinates are in their rows.
+        """
+        i = group.low
+        while i < group.low + access.whole_vectors(group.high - group.low):
+            outward = vec2(access.load(w, row.outward_x + i), access.load(w, row.outward_y + i))
+            seated = access.load(w, row.direction_owner + i) == Real(number)
+            after = is_near_toe(w, i, True, outward, plate, sprocket, memory)
+            before = is_near_toe(w, i, False, outward, plate, sprocket, memory)
+            access.store(w, row.after_near + i, wp.where(seated and after, Real(1.0), Real(0.0)))
+            access.store(w, row.before_near + i, wp.where(seated and before, Real(1.0), Real(0.0)))
+            i = i + 1
+        count, shift = group.high - group.low, wp.uint64(group.low - group.first)
+        after_bits = access.find_unlike(w, row.after_near + group.low, count, Real(0.0)) << shift
+        before_bits = access.find_unlike(w, row.before_near + group.low, count, Real(0.0)) << shift
+        return after_bits, before_bits
+
+    @wp.func
     def mend_toes(w: wp.array[Real], run: LinkRun, plate: Plate, sprocket: Sprocket, body: Pose, memory: Memory):
         """Stores the contacts of the few arcs that are not on the flank that they face."""
         contacts = access.shifted_rows(w, run.rows)
+        after = run.end == 0
+        sign = wp.where(after, Real(1.0), Real(-1.0))
         pins = access.find_unlike(w, row.exception + run.low, run.count, Real(0.0))
         while pins != wp.uint64(0):
             i = run.low + lowest_bit(pins)
             xi, lateral = access.load(w, row.radial + i), access.load(w, row.lateral + i)
             outward = vec2(access.load(w, row.outward_x + i), access.load(w, row.outward_y + i))
+            link = links.link_at(w, i + wp.where(after, 1, 0))
+            u = direction_at_seat(link, sign, outward)
+            arm = links.arm_of_middle(w, i, link, sign, body)
             ends = int(access.load(w, row.exception + i))
             end = int(0)
-            while end < ENDS:
+            while end < 2:
                 if (ends >> end) & 1 != 0:
-                    after = end < 2
-                    sign = wp.where(after, Real(1.0), Real(-1.0))
-                    link = links.link_at(w, i + wp.where(after, 1, 0))
-                    u = direction_at_seat(link, sign, outward)
-                    depth, n, z = toe_contact(xi, lateral, u, link.length, end % 2, after, plate, sprocket)
-                    arm = links.arm_of_middle(w, i, link, sign, body)
-                    c = i - run.low + end * GROUP
+                    depth, n, z = toe_contact(xi, lateral, u, link.length, end, after, plate, sprocket)
+                    c = i - run.low + end * ENDS_APART
                     z = store_toe(contacts, c, outward, depth, n, z, link.length)
                     links.store_motion(contacts, c, arm, z, link, body, memory)
                 end = end + 1
             pins = without_lowest_bit(pins)
 
     @wp.func
-    def seated_run(w: wp.array[Real], drive: Drive, group: Group, number: int):
-        """Pins of a group from the first to the last with a seat in wheel `number`."""
-        count = group.high - group.first
-        others = access.find_unlike(w, row.direction_owner + group.first, count, Real(number))
-        seated = ~others & (~wp.uint64(0) >> wp.uint64(64 - wp.max(count, 1)))
-        return link_runs.link_run(drive, group.first, wp.where(count > 0, seated, wp.uint64(0)))
-
-    @wp.func
     def find_contacts(
-        w: wp.array[Real], run: LinkRun, plate: Plate, sprocket: Sprocket, body: Pose, number: int, memory: Memory
+        w: wp.array[Real],
+        run: LinkRun,
+        last: int,
+        plate: Plate,
+        sprocket: Sprocket,
+        body: Pose,
+        number: int,
+        memory: Memory,
     ):
-        """Stores contacts of all flank ends with wheel `number` at a run's pins; gap coordinates are in their rows."""
+        """Stores contacts of a run's toes with wheel `number`, gap coordinates in their rows; `last` ends its group."""
         contacts = access.shifted_rows(w, run.rows - run.low)
-        last, high = run.low + run.count, run.low + access.whole_vectors(run.count)
-        link_runs.recall_contacts(w, run, int(ENDS), memory)
-        odd = int(0)
+        link_runs.recall_contacts(w, run, wp.static(int(ENDS) // 2), memory)
+        after = run.end == 0
+        at, sign = wp.where(after, 1, 0), wp.where(after, Real(1.0), Real(-1.0))
+        odd, high = int(0), run.low + run.pitch
         i = run.low
         while i < high:
             ends = int(0)
             xi, lateral = access.load(w, row.radial + i), access.load(w, row.lateral + i)
             outward = vec2(access.load(w, row.outward_x + i), access.load(w, row.outward_y + i))
             seated = access.load(w, row.direction_owner + i) == Real(number) and i < last
-            for side in range(2):
-                sign = Real(1 - 2 * side)
-                link = links.link_at(w, i + 1 - side)
-                u = direction_at_seat(link, sign, outward)
-                arm = links.arm_of_middle(w, i, link, sign, body)
-                for part in range(2):
-                    k = 2 * side + part
-                    c = i + k * GROUP
-                    depth, n, z, on_flank = seated_toe_contact(
-                        xi, lateral, u, link.length, part, side == 0, plate, sprocket
-                    )
-                    ends = ends | (wp.where(seated, 1 - on_flank, 0) << k)
-                    depth = wp.where(seated, depth, Real(AWAY))
-                    place = store_toe(contacts, c, outward, depth, n, z, link.length)
-                    links.store_motion(contacts, c, arm, place, link, body, memory)
-                    before = wp.where(seated, access.load(contacts, row.v0_before + c), Real(0.0))
-                    access.store(contacts, row.v0_before + c, before)
-                    access.store(contacts, row.v0_open + c, memory_after_teeth(before))
+            link = links.link_at(w, i + at)
+            u = direction_at_seat(link, sign, outward)
+            arm = links.arm_of_middle(w, i, link, sign, body)
+            for end in range(2):
+                c = i + end * ENDS_APART
+                depth, n, z, on_flank = seated_toe_contact(xi, lateral, u, link.length, end, after, plate, sprocket)
+                ends = ends | (wp.where(seated, 1 - on_flank, 0) << end)
+                depth = wp.where(seated, depth, Real(AWAY))
+                place = store_toe(contacts, c, outward, depth, n, z, link.length)
+                links.store_motion(contacts, c, arm, place, link, body, memory)
+                before = wp.where(seated, access.load(contacts, row.v0_before + c), Real(0.0))
+                access.store(contacts, row.v0_before + c, before)
+                access.store(contacts, row.v0_open + c, memory_after_teeth(before))
             access.store(w, row.exception + i, Real(ends))
             odd = odd | ends
             i = i + 1
         if odd != 0:
             mend_toes(w, run, plate, sprocket, body, memory)
 
-    return ToeFunctions(seated_run=seated_run, find_contacts=find_contacts)
+    return ToeFunctions(find_near_toes=find_near_toes, find_contacts=find_contacts)

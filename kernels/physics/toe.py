@@ -119,43 +119,69 @@ def toe_contact(xi: Any, lateral: Any, u: Any, length: Any, end: int, after: boo
 
 
 @wp.func
-def seated_toe_contact(xi: Any, lateral: Any, u: Any, length: Any, end: int, after: bool, plate: Any, gap: Any):
-    """`toe_contact` of an arc on the flank that it faces, or of an open one; 1 where it is either, else 0."""
+def toe_arcs(xi: Any, lateral: Any, u: Any, length: Any, after: bool, plate: Any):
+    """Centers of a toe's arcs, at its tip and its flank's beginning, and its link's middle [m] (`toe_contact`)."""
     turn = wp.where(after, plate.side, -plate.side)
     half = type(xi)(0.5) * length
     middle_e, middle_t = xi + half * u[0], lateral + half * u[1]
     w_e, w_t = -turn * u[1], turn * u[0]
     tip_e = middle_e + products(plate.tip[0], u[0], plate.tip[1], w_e)
     tip_t = middle_t + products(plate.tip[0], u[1], plate.tip[1], w_t)
-    at_e, at_t = tip_e, tip_t
-    if end != 0:
-        at_e = middle_e + products(plate.begin[0], u[0], plate.begin[1], w_e)
-        at_t = middle_t + products(plate.begin[0], u[1], plate.begin[1], w_t)
-    zero, ahead, radius = type(xi)(0.0), gap.law.ahead, gap.pitch_radius
-    # open, where both arcs are outside the teeth's tips or off both of the gap's flanks
-    reach = gap.tip_reach + ahead
-    nearer = smaller(
-        products(radius + at_e, radius + at_e, at_t, at_t), products(radius + tip_e, radius + tip_e, tip_t, tip_t)
-    )
-    penetration = products(-turn * at_t, gap.sin_half_seat, -at_e, gap.cos_half_seat) - gap.clearance
+    begin_e = middle_e + products(plate.begin[0], u[0], plate.begin[1], w_e)
+    begin_t = middle_t + products(plate.begin[0], u[1], plate.begin[1], w_t)
+    return type(u)(tip_e, tip_t), type(u)(begin_e, begin_t), type(u)(middle_e, middle_t)
+
+
+@wp.func
+def is_in_gap(tip: Any, gap: Any):
+    """Whether a toe's tip is between the middles of the teeth beside its gap."""
+    return wp.abs(tip[1]) <= gap.half_pitch_tangent * (gap.pitch_radius + tip[0])
+
+
+@wp.func
+def is_off_flanks(tip: Any, at: Any, gap: Any):
+    """Whether both of a toe's arcs, at `tip` and `at`, are in the gap and off both of its flanks."""
     deepest = larger(
-        products(wp.abs(at_t), gap.sin_half_seat, -at_e, gap.cos_half_seat),
-        products(wp.abs(tip_t), gap.sin_half_seat, -tip_e, gap.cos_half_seat),
+        products(wp.abs(at[1]), gap.sin_half_seat, -at[0], gap.cos_half_seat),
+        products(wp.abs(tip[1]), gap.sin_half_seat, -tip[0], gap.cos_half_seat),
     )
-    is_within = wp.abs(tip_t) <= gap.half_pitch_tangent * (radius + tip_e)
-    is_open = nearer > reach * reach or (is_within and deepest - gap.clearance <= -ahead)
+    return is_in_gap(tip, gap) and deepest - gap.clearance <= -gap.law.ahead
+
+
+@wp.func
+def is_open_toe(tip: Any, at: Any, gap: Any):
+    """Whether both of a toe's arcs, at `tip` and `at`, are outside the teeth's tips or off both of the gap's flanks."""
+    radius, reach = gap.pitch_radius, gap.tip_reach + gap.law.ahead
+    nearer = smaller(
+        products(radius + at[0], radius + at[0], at[1], at[1]),
+        products(radius + tip[0], radius + tip[0], tip[1], tip[1]),
+    )
+    return nearer > reach * reach or is_off_flanks(tip, at, gap)
+
+
+@wp.func(inline=True)
+def seated_toe_contact(xi: Any, lateral: Any, u: Any, length: Any, end: int, after: bool, plate: Any, gap: Any):
+    """`toe_contact` of an arc on the flank that it faces, or of an open one; 1 where it is either, else 0."""
+    turn = wp.where(after, plate.side, -plate.side)
+    tip, begin, middle = toe_arcs(xi, lateral, u, length, after, plate)
+    at = tip
+    if end != 0:
+        at = begin
+    zero, radius = type(xi)(0.0), gap.pitch_radius
+    penetration = products(-turn * at[1], gap.sin_half_seat, -at[0], gap.cos_half_seat) - gap.clearance
+    is_open = is_open_toe(tip, at, gap)
     # on the flank that it faces, below the tooth's tip
     limit = larger(gap.tip_reach - penetration, zero)
-    below = products(radius + at_e, radius + at_e, at_t, at_t) <= limit * limit
+    below = products(radius + at[0], radius + at[0], at[1], at[1]) <= limit * limit
     if end != 0:
         along = larger(
-            products(at_e, gap.sin_half_seat, -turn * at_t, gap.cos_half_seat),
-            products(tip_e, gap.sin_half_seat, -turn * tip_t, gap.cos_half_seat),
+            products(at[0], gap.sin_half_seat, -turn * at[1], gap.cos_half_seat),
+            products(tip[0], gap.sin_half_seat, -turn * tip[1], gap.cos_half_seat),
         )
         below = below and along <= gap.corner
-    on_flank = is_within and below and turn * at_t <= zero
+    on_flank = is_in_gap(tip, gap) and below and turn * at[1] <= zero
     n = type(u)(gap.cos_half_seat, turn * gap.sin_half_seat)
-    z = type(u)(at_e - middle_e - plate.radius * n[0], at_t - middle_t - plate.radius * n[1])
+    z = type(u)(at[0] - middle[0] - plate.radius * n[0], at[1] - middle[1] - plate.radius * n[1])
     return wp.where(is_open, type(xi)(AWAY), penetration), n, z, wp.where(is_open or on_flank, 1, 0)
 
 
