@@ -45,10 +45,36 @@ class RowAccess:
     load: wp.Function
     store: wp.Function
     find_unlike: wp.Function
+    find_above: wp.Function
     copy_rows: wp.Function
     shifted_rows: wp.Function
     round_up: wp.Function
     whole_vectors: wp.Function
+
+
+def _bits_of_values(comparison: str) -> str:
+    """Native code that compares `count` values of an array `a`, from `first` on, with `value`."""
+    return f"""
+        typedef decltype(value) Lanes __attribute__((ext_vector_type(8)));
+        typedef bool Bits __attribute__((ext_vector_type(8)));
+        assert(first >= 0 && first + count <= a.shape[0]);
+        unsigned long long bits = 0;
+        if (count < 8) {{
+            for (int k = 0; k < count; ++k)
+                bits |= (unsigned long long)(a.data[first + k] {comparison} value) << k;
+            return bits;
+        }}
+        for (int k = 0; k < count; k += 8) {{
+            const int at = k + 8 <= count ? k : count - 8;
+            Lanes lanes;
+            __builtin_memcpy(&lanes, a.data + first + at, sizeof(lanes));
+            const Bits found = __builtin_convertvector(lanes {comparison} value, Bits);
+            unsigned char eight;
+            __builtin_memcpy(&eight, &found, 1);
+            bits |= (unsigned long long)eight << at;
+        }}
+        return bits;
+    """
 
 
 @cache
@@ -64,29 +90,13 @@ def row_access(Real: type) -> RowAccess:
     def store(a: wp.array[Real], i: int, value: Real):
         """Sets value `i` of an array, by native code."""
 
-    @wp.func_native("""
-        typedef decltype(value) Lanes __attribute__((ext_vector_type(8)));
-        typedef bool Bits __attribute__((ext_vector_type(8)));
-        assert(first >= 0 && first + count <= a.shape[0]);
-        unsigned long long bits = 0;
-        if (count < 8) {
-            for (int k = 0; k < count; ++k)
-                bits |= (unsigned long long)(a.data[first + k] != value) << k;
-            return bits;
-        }
-        for (int k = 0; k < count; k += 8) {
-            const int at = k + 8 <= count ? k : count - 8;
-            Lanes lanes;
-            __builtin_memcpy(&lanes, a.data + first + at, sizeof(lanes));
-            const Bits found = __builtin_convertvector(lanes != value, Bits);
-            unsigned char eight;
-            __builtin_memcpy(&eight, &found, 1);
-            bits |= (unsigned long long)eight << at;
-        }
-        return bits;
-    """)
+    @wp.func_native(_bits_of_values("!="))
     def find_unlike(a: wp.array[Real], first: int, count: int, value: Real) -> wp.uint64:
         """Bits of up to 64 values of an array, from `first` on, unlike `value`."""
+
+    @wp.func_native(_bits_of_values(">"))
+    def find_above(a: wp.array[Real], first: int, count: int, value: Real) -> wp.uint64:
+        """Bits of up to 64 values of an array, from `first` on, above `value`."""
 
     @wp.func_native("""
         assert(first >= 0 && first + (rows - 1) * pitch + count <= a.shape[0]);
@@ -121,6 +131,7 @@ def row_access(Real: type) -> RowAccess:
         load=load,
         store=store,
         find_unlike=find_unlike,
+        find_above=find_above,
         copy_rows=copy_rows,
         shifted_rows=shifted_rows,
         round_up=round_up,

@@ -7,6 +7,7 @@ import warp as wp
 
 from ..native import products, row_access
 from ..physics.contact import relative_acceleration
+from ..physics.toe import approach_bound
 from ..structs import Pose, types
 from .contact_rows import contact_row_functions
 from .rollers import roller_functions, rows
@@ -20,6 +21,7 @@ class LinkMotionFunctions:
     Link: type
     link_at: wp.Function
     arm_of_middle: wp.Function
+    find_approach_bound: wp.Function
     store_motion: wp.Function
 
 
@@ -109,6 +111,15 @@ def link_motion_functions(Real: type, capacity: int) -> LinkMotionFunctions:
         half = Real(0.5) * sign * link.length
         return vec2(Real(p[0]) + half * link.ux, Real(p[1]) + half * link.uy)
 
+    @wp.func
+    def find_approach_bound(link: Link, arm: vec2, reach: Real, body: Pose, memory: Memory):
+        """`approach_bound` [m/s] of a link and a body, `arm` from the body's center to the link's middle [m]."""
+        omega = Real(body.speed)
+        x = (Real(body.velocity[0]) - omega * arm[1]) - link.vx
+        y = (Real(body.velocity[1]) + omega * arm[0]) - link.vy
+        more = relative_acceleration(memory.straight, memory.angular, arm, vec2(link.ax, link.ay))
+        return approach_bound(vec2(x, y), more, omega - link.turn, memory.angular - link.angular, reach, memory.lag)
+
     @wp.func(inline=True)
     def store_motion(contacts: wp.array[Real], c: int, arm: vec2, place: vec2, link: Link, body: Pose, memory: Memory):
         """Stores the arm of contact `c` [m], and its relative velocity and acceleration."""
@@ -128,5 +139,6 @@ def link_motion_functions(Real: type, capacity: int) -> LinkMotionFunctions:
         Link=Link,
         link_at=link_at,
         arm_of_middle=arm_of_middle,
+        find_approach_bound=find_approach_bound,
         store_motion=store_motion,
     )

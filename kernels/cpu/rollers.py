@@ -117,8 +117,8 @@ class Rows:
     more_y: int
     pushed: int  # force that it exerted in the step before [N]
     exception: int  # 1: it is worked out apart, as few are; in a pin's row bits of such flank ends
-    after_near: int  # 1: the toe of the link after the pin may touch a tooth, or has in the step before, else 0
-    before_near: int  # and that of the link before
+    after_near: int  # 1: the link after the pin may touch a tooth of its gap within half a step, else 0
+    before_near: int  # and the link before it
     held: int  # speed at which its damper acted then [m/s]
     point_mobility: int  # inverse mass along its normal over a roller's [-]
     next_x: int  # of pin i at i + 1: and on the next pin, by the link between

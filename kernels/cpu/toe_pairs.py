@@ -66,14 +66,14 @@ def toe_pair_functions(Real: type, capacity: int) -> ToePairFunctions:
         memory.speed_row = contact_rows.speed_row(drive, p * ENDS)
         group = near_rollers.find_gap_contacts(w, ensemble, first, first + count, n, partner, memory)
         own = plate_by_value(ensemble.plates[place])
-        after_bits, before_bits = toes.find_near_toes(w, group, own, partner.sprocket, p, memory)
+        pose = state.poses[drive.first_body + p]
+        memory.straight = kinds.vec2(Real(pose.straight[0]), Real(pose.straight[1]))
+        memory.angular = Real(pose.angular)
+        after_bits, before_bits = toes.find_near_toes(w, group, own, partner, p, memory)
         after = link_runs.link_run(drive, group.first, after_bits, 0, 0)
         before = link_runs.link_run(drive, group.first, before_bits, 2, after.pitch)
         if after.count + before.count > 0:
             friction = partners.friction_of_partner(ensemble, drive, p)
-            pose = state.poses[drive.first_body + p]
-            memory.straight = kinds.vec2(Real(pose.straight[0]), Real(pose.straight[1]))
-            memory.angular = Real(pose.angular)
             memory.damper_row = contact_rows.damper_row(p * ENDS)
             memory.push_row = contact_rows.push_row(drive, p * ENDS)
             side = int(0)

@@ -9,10 +9,11 @@ from functools import cache
 
 import warp as wp
 
-from ..native import larger, row_access
+from ..native import row_access, smaller
 from ..physics.contact import AWAY, memory_after_teeth, rotated_vector
 from ..physics.toe import (
     ENDS,
+    flank_reach,
     is_off_flanks,
     point_mobility,
     rotated_to_gap,
@@ -25,6 +26,7 @@ from .contact_rows import contact_row_functions
 from .link_motions import link_motion_functions
 from .link_runs import ENDS_APART, LinkRun, link_run_functions
 from .neighbor_list import Group, lowest_bit, without_lowest_bit
+from .partners import partner_functions
 from .rollers import rows
 
 
@@ -43,6 +45,7 @@ def toe_functions(Real: type, capacity: int) -> ToeFunctions:
     Memory, Plate, Sprocket, vec2 = kinds.Memory, kinds.Plate, kinds.Sprocket, kinds.vec2
     row = rows(capacity)
     links = link_motion_functions(Real, capacity)
+    partners = partner_functions(Real)
     link_runs = link_run_functions(Real, capacity)
     contact_rows = contact_row_functions(Real, capacity)
     access = row_access(Real)
@@ -56,43 +59,56 @@ def toe_functions(Real: type, capacity: int) -> ToeFunctions:
         return place
 
     @wp.func
-    def direction_at_seat(link: links.Link, sign: Real, outward: vec2):
-        """Unit vector from a pin into its link, along and across the seat's direction."""
-        radial, lateral = rotated_to_gap(sign * link.ux, sign * link.uy, outward[0], outward[1])
-        return vec2(radial, lateral)
+    def direction_at_seat(link: links.Link, sign: Real, outward_x: Real, outward_y: Real):
+        """Components of the unit vector from a pin into its link, along and across the seat's direction."""
+        # numbers, not vectors, which would keep loops from vectorizing
+        return rotated_to_gap(sign * link.ux, sign * link.uy, outward_x, outward_y)
 
     @wp.func
-    def is_near_toe(
-        w: wp.array[Real], i: int, after: bool, outward: vec2, plate: Plate, sprocket: Sprocket, memory: Memory
+    def may_touch(
+        w: wp.array[Real], i: int, after: bool, plate: Plate, reach: Real, partner: partners.Partner, memory: Memory
     ):
-        """Whether pin i's link after it, or before it, may touch a tooth of the pin's gap, or did in the last step."""
+        """Whether pin i's link after it, or before it, may touch a tooth of the pin's gap within half a step."""
         link, sign = links.link_at(w, i + wp.where(after, 1, 0)), wp.where(after, Real(1.0), Real(-1.0))
-        u = direction_at_seat(link, sign, outward)
+        x, y = access.load(w, row.outward_x + i), access.load(w, row.outward_y + i)
+        radial, across = direction_at_seat(link, sign, x, y)
         xi, lateral = access.load(w, row.radial + i), access.load(w, row.lateral + i)
-        tip, begin, _middle = toe_arcs(xi, lateral, u, link.length, after, plate)
-        speed = memory.speed_row + wp.where(after, 0, wp.static(int(ENDS) // 2 * capacity)) + i
-        before = larger(access.load(w, speed), access.load(w, speed + wp.static(capacity)))
-        return before > Real(0.0) or not is_off_flanks(tip, begin, sprocket)
+        tip, begin, _middle = toe_arcs(xi, lateral, vec2(radial, across), link.length, after, plate)
+        arm = links.arm_of_middle(w, i, link, sign, partner.pose)
+        way = memory.lag * links.find_approach_bound(link, arm, reach, partner.pose, memory)
+        return not is_off_flanks(tip, begin, smaller(way, partner.sprocket.law.ahead), partner.sprocket)
 
     @wp.func
-    def find_near_toes(w: wp.array[Real], group: Group, plate: Plate, sprocket: Sprocket, number: int, memory: Memory):
-        """Bits of a group's pins whose link after them may touch wheel `number`, and of those whose link before may.
+    def touching_bits(w: wp.array[Real], group: Group, end: int, memory: Memory):
+        """Bits of a group's pins of which end `end` of a link, or the next, was on a tooth in the step before."""
+        count, first = group.high - group.low, memory.speed_row + end * wp.static(capacity) + group.low
+        one = access.find_above(w, first, count, Real(0.0))
+        return one | access.find_above(w, first + wp.static(capacity), count, Real(0.0))
+
+    @wp.func
+    def find_near_toes(
+        w: wp.array[Real], group: Group, plate: Plate, partner: partners.Partner, number: int, memory: Memory
+    ):
+        """Bits of a group's pins whose link after them may touch wheel `number` or did, and of those whose link before.
 
         Gap coordinates are in their rows.
         """
+        reach = flank_reach(plate)
+        count, shift = group.high - group.low, wp.uint64(group.low - group.first)
+        high = group.low + access.whole_vectors(count)
         i = group.low
-        while i < group.low + access.whole_vectors(group.high - group.low):
-            outward = vec2(access.load(w, row.outward_x + i), access.load(w, row.outward_y + i))
+        while i < high:
             seated = access.load(w, row.direction_owner + i) == Real(number)
-            after = is_near_toe(w, i, True, outward, plate, sprocket, memory)
-            before = is_near_toe(w, i, False, outward, plate, sprocket, memory)
+            after = may_touch(w, i, True, plate, reach, partner, memory)
+            before = may_touch(w, i, False, plate, reach, partner, memory)
             access.store(w, row.after_near + i, wp.where(seated and after, Real(1.0), Real(0.0)))
             access.store(w, row.before_near + i, wp.where(seated and before, Real(1.0), Real(0.0)))
             i = i + 1
-        count, shift = group.high - group.low, wp.uint64(group.low - group.first)
-        after_bits = access.find_unlike(w, row.after_near + group.low, count, Real(0.0)) << shift
-        before_bits = access.find_unlike(w, row.before_near + group.low, count, Real(0.0)) << shift
-        return after_bits, before_bits
+        after_bits = access.find_above(w, row.after_near + group.low, count, Real(0.0))
+        before_bits = access.find_above(w, row.before_near + group.low, count, Real(0.0))
+        after_bits = after_bits | touching_bits(w, group, 0, memory)
+        before_bits = before_bits | touching_bits(w, group, wp.static(int(ENDS) // 2), memory)
+        return after_bits << shift, before_bits << shift
 
     @wp.func
     def mend_toes(w: wp.array[Real], run: LinkRun, plate: Plate, sprocket: Sprocket, body: Pose, memory: Memory):
@@ -106,7 +122,8 @@ def toe_functions(Real: type, capacity: int) -> ToeFunctions:
             xi, lateral = access.load(w, row.radial + i), access.load(w, row.lateral + i)
             outward = vec2(access.load(w, row.outward_x + i), access.load(w, row.outward_y + i))
             link = links.link_at(w, i + wp.where(after, 1, 0))
-            u = direction_at_seat(link, sign, outward)
+            radial, across = direction_at_seat(link, sign, outward[0], outward[1])
+            u = vec2(radial, across)
             arm = links.arm_of_middle(w, i, link, sign, body)
             ends = int(access.load(w, row.exception + i))
             end = int(0)
@@ -143,7 +160,8 @@ def toe_functions(Real: type, capacity: int) -> ToeFunctions:
             outward = vec2(access.load(w, row.outward_x + i), access.load(w, row.outward_y + i))
             seated = access.load(w, row.direction_owner + i) == Real(number) and i < last
             link = links.link_at(w, i + at)
-            u = direction_at_seat(link, sign, outward)
+            radial, across = direction_at_seat(link, sign, outward[0], outward[1])
+            u = vec2(radial, across)
             arm = links.arm_of_middle(w, i, link, sign, body)
             for end in range(2):
                 c = i + end * ENDS_APART

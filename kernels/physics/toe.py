@@ -139,13 +139,13 @@ def is_in_gap(tip: Any, gap: Any):
 
 
 @wp.func
-def is_off_flanks(tip: Any, at: Any, gap: Any):
-    """Whether both of a toe's arcs, at `tip` and `at`, are in the gap and off both of its flanks."""
+def is_off_flanks(tip: Any, at: Any, ahead: Any, gap: Any):
+    """Whether both of a toe's arcs, at `tip` and `at`, are in the gap and off both of its flanks by `ahead` [m]."""
     deepest = larger(
         products(wp.abs(at[1]), gap.sin_half_seat, -at[0], gap.cos_half_seat),
         products(wp.abs(tip[1]), gap.sin_half_seat, -tip[0], gap.cos_half_seat),
     )
-    return is_in_gap(tip, gap) and deepest - gap.clearance <= -gap.law.ahead
+    return is_in_gap(tip, gap) and deepest - gap.clearance <= -ahead
 
 
 @wp.func
@@ -156,7 +156,28 @@ def is_open_toe(tip: Any, at: Any, gap: Any):
         products(radius + at[0], radius + at[0], at[1], at[1]),
         products(radius + tip[0], radius + tip[0], tip[1], tip[1]),
     )
-    return nearer > reach * reach or is_off_flanks(tip, at, gap)
+    return nearer > reach * reach or is_off_flanks(tip, at, gap.law.ahead, gap)
+
+
+@wp.func
+def approach_bound(relative: Any, more: Any, turn: Any, angular: Any, reach: Any, lag: Any):
+    """No less than the speed [m/s] at which a link's point nears a wheel at the forces' instant.
+
+    Args:
+        relative, more: velocity [m/s] and acceleration [m/s^2] of the wheel at the link's middle less the link's.
+        turn, angular: angular velocity [rad/s] and acceleration [rad/s^2] of the wheel less the link's.
+        reach: how far from the link's middle the point may be [m].
+        lag: of the velocities behind the forces [s].
+    """
+    straight = wp.abs(relative[0]) + wp.abs(relative[1]) + lag * (wp.abs(more[0]) + wp.abs(more[1]))
+    return straight + reach * (wp.abs(turn) + lag * wp.abs(angular))
+
+
+@wp.func
+def flank_reach(plate: Any):
+    """No less than the distance [m] of a flank's points from the link's middle."""
+    tip, begin = wp.abs(plate.tip[0]) + wp.abs(plate.tip[1]), wp.abs(plate.begin[0]) + wp.abs(plate.begin[1])
+    return larger(tip, begin) + plate.radius
 
 
 @wp.func(inline=True)

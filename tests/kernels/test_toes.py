@@ -6,6 +6,7 @@ from functools import partial
 import blocks
 import numpy as np
 import pytest
+import warp as wp
 from raw import stepped
 from silent_chains import pulled_silent_drive, silent_drive
 
@@ -17,7 +18,7 @@ from warpchain.drive.plate import toe_clearance, wheel_tooth
 from warpchain.engine.force_probe import ForceProbe, ProbeStates
 from warpchain.engine.gpu_kernels import Bucket, block_kind, kernel_kind, variant_kind_columns
 from warpchain.engine.pack import pack
-from warpchain.kernels.physics.toe import ENDS
+from warpchain.kernels.physics.toe import ENDS, approach_bound
 from warpchain.model import single_chain
 from warpchain.results.schedule import Schedule
 
@@ -46,6 +47,34 @@ def test_block_kernel_takes_the_steps_of_the_cpu_kernel_at_float32(fibers, drive
     summed = serial.sums()
     close(sums["chain"]["tension"], summed["chain"]["tension"], rtol=2e-3)
     close(sums["sprocket"]["moment"], summed["sprocket"]["moment"], rtol=2e-2)
+
+
+@wp.kernel
+def find_bounds(
+    relative: wp.array[wp.vec2d],
+    more: wp.array[wp.vec2d],
+    turn: wp.array[wp.float64],
+    angular: wp.array[wp.float64],
+    bound: wp.array[wp.float64],
+):
+    k = wp.tid()
+    bound[k] = approach_bound(relative[k], more[k], turn[k], angular[k], wp.float64(6e-3), wp.float64(3e-6))
+
+
+def test_no_point_of_a_link_nears_a_wheel_faster_than_its_bound():
+    random, count = np.random.default_rng(1), 500
+    relative, more = random.normal(size=(count, 2)), 3e5 * random.normal(size=(count, 2))
+    turn, angular = 200.0 * random.normal(size=count), 5e7 * random.normal(size=count)
+    relative[:50] *= 1e-3  # all by rotation
+    bound = wp.zeros(count, dtype=wp.float64, device="cpu")
+    rows = [wp.array(values, dtype=kind, device="cpu") for values, kind in
+            ((relative, wp.vec2d), (more, wp.vec2d), (turn, wp.float64), (angular, wp.float64))]  # fmt: skip
+    wp.launch(find_bounds, count, [*rows, bound], device="cpu")
+    place = np.exp(1j * np.linspace(0.0, math.tau, 60)) * 6e-3
+    motion = (relative + 3e-6 * more) @ [1.0, 1j]
+    speed = np.abs(motion[:, None] + 1j * (turn + 3e-6 * angular)[:, None] * place).max(axis=1)
+    assert (speed <= bound.numpy()).all()
+    assert (speed > 0.5 * bound.numpy()).mean() > 0.5
 
 
 def perturbed(drive, size, seed):
