@@ -151,8 +151,9 @@ def link_contact_functions(kind: BlockKind) -> LinkContactFunctions:
 
     @wp.func
     def sum_of_reactions(sum: Reaction, more: Reaction):
-        """`sum` with `more`, but for the forces on other pins."""
+        """`sum` with `more`."""
         sum.near = sum.near + more.near
+        sum.far = sum.far + more.far
         sum.whole = sum.whole + more.whole
         sum.moment = sum.moment + more.moment
         sum.size = sum.size + more.size

@@ -184,6 +184,24 @@ def sum_with_lane(value: wp.float32, apart: int) -> wp.float32:
     """Sum of two threads' float32 numbers, 1 or 2 apart; all threads of the warp together."""
 
 
+VALUE_OF_LANE = code_by_device("return __shfl_sync(0xffffffffu, value, lane);", "return value;")
+
+
+@wp.func_native(VALUE_OF_LANE)
+def value_of_lane(value: wp.float64, lane: int) -> wp.float64:
+    """Float64 number of thread `lane` of the warp; all threads of the warp together."""
+
+
+@wp.func_native(VALUE_OF_LANE)
+def value_of_lane(value: wp.float32, lane: int) -> wp.float32:
+    """Float32 number of thread `lane` of the warp; all threads of the warp together."""
+
+
+@wp.func_native(VALUE_OF_LANE)
+def value_of_lane(value: int, lane: int) -> int:
+    """Whole number of thread `lane` of the warp; all threads of the warp together."""
+
+
 @wp.func_native(code_by_device("__syncwarp();", ""))
 def end_turn():
     """Ends a thread's turn among those of its warp."""

@@ -1,6 +1,7 @@
 """The contacts of a block's silent chains with wheel teeth: four at a pin, with the flank ends of its two links.
 
-Four threads of a warp share a pin's. Forces go to rows of their own first, on the pin itself and on those beside it.
+Each thread of a warp finds the gap of a pin and which of its links may touch teeth, as of most pins one at most may;
+then two threads share the contacts of each such link. Forces go to rows of their own first, on the pin and beside it.
 """
 
 from dataclasses import dataclass
@@ -8,14 +9,10 @@ from functools import cache
 
 import warp as wp
 
-from ..native import load_constant, row_access
+from ..native import row_access
 from ..number import difference, leading_value
-from ..physics.contact import (
-    memory_after_teeth,
-    rotated_vector,
-)
-from ..physics.toe import ENDS, rotated_to_gap, seated_toe_contact, toe_contact
-from ..physics.tooth import nearest_seat, tracked_seat_from
+from ..physics.contact import memory_after_teeth, rotated_vector
+from ..physics.toe import ENDS, seated_toe_contact, toe_contact
 from ..structs import Tallies
 from .block_kinds import BlockKind
 from .block_structs import BITS, ThreadParts
@@ -26,6 +23,7 @@ from .partner_bits import partner_bit_functions
 from .rollers import roller_functions
 from .shared_memory import force_rows
 from .sync import bits_below, end_turn, lanes_with_flag, sum_with_lane, warp_lanes
+from .toe_gaps import toe_gap_functions
 from .toe_links import toe_link_functions
 from .toe_rows import toe_row_functions
 from .wrench_parts import wrench_part_functions
@@ -49,131 +47,124 @@ def toe_functions(kind: BlockKind) -> ToeFunctions:
     partner_bits = partner_bit_functions(kind)
     chains = chain_functions(kind)
     wrench_parts = wrench_part_functions(kind)
-    access, whole_access = row_access(Real), row_access(wp.int32)
+    access = row_access(Real)
     rollers = roller_functions(kind)
+    toe_gaps = toe_gap_functions(kind)
     toe_links, toe_rows, link_contacts = toe_link_functions(kind), toe_row_functions(kind), link_contact_functions(kind)
-
-    @wp.struct
-    class Pin:
-        """A pin in a tooth gap."""
-
-        number: wp.int32
-        sprocket: wp.int32
-        memory: wp.int32  # place of its contacts' memory
-        outward: vec2  # direction of the gap's seat
-        xi: Real  # from the seat along that [m]
-        lateral: Real  # and across
-        arm: vec2  # from the wheel's center [m]
-        acceleration: vec2  # by links, and by contacts as in the step before [m/s^2]
+    link_ends = int(ENDS) // 2
 
     @wp.func
     def force_on_flank_end(
-        state: State, tallies: Tallies, shared: Shared, mine: ThreadParts, now: Now, pin: Pin, number: int
+        state: State, tallies: Tallies, shared: Shared, mine: ThreadParts, now: Now, pin: toe_gaps.Pin, number: int
     ):
         """Force of teeth on flank end `number` (`physics.toe.ENDS`) at a pin, which keeps it."""
-        j, s, e, after = pin.number, pin.sprocket, pin.outward, number < 2
+        j, s, e, after = pin.pair // BITS, pin.pair % BITS, pin.outward, number < link_ends
         end = link_contacts.LinkContact()
         end.number = j
         end.partner = s
-        other = wp.where(
-            after, chains.next_roller(shared, j, mine.rollers), chains.previous_roller(shared, j, mine.rollers)
-        )
-        end.link = toe_links.link_of_pin(shared, j, other, pin.arm)
-        radial, lateral = rotated_to_gap(end.link.u[0], end.link.u[1], e[0], e[1])
-        u = vec2(radial, lateral)
+        arm = leading_value(difference(rollers.exact_position(shared.rows, j), shared.poses[s].center))
+        other = toe_gaps.other_pin(shared, mine, j, after)
+        end.link = toe_links.link_of_pin(shared, j, other, arm)
+        u = toe_gaps.direction_in_gap(pin, end.link.u)
         plate, teeth = shared.plates[chains.chain_number(shared, j)], shared.teeth[s]
         end.memory = pin.memory + number * chains.chain_length(shared, mine, j)
         end.before = access.load(state.impact_speed, end.memory)
         end.open_speed = memory_after_teeth(end.before)
         end.pushed = access.load(state.push, chains.push_memory(shared, mine, j, end.memory))
         end.damper_speed = access.load(state.damper_speed, end.memory)
-        k, length = number % 2, end.link.length
+        k, length = number % link_ends, end.link.length
         depth, n, z, done = seated_toe_contact(pin.xi, pin.lateral, u, length, k, after, plate, teeth)
         if done == 0:
             depth, n, z = toe_contact(pin.xi, pin.lateral, u, length, k, after, plate, teeth)
         if depth > -teeth.law.ahead:
-            end.link = toe_links.with_motion(state, shared, mine, j, other, pin.acceleration, end.link)
+            acceleration = toe_links.pin_acceleration(state, shared, mine, j)
+            end.link = toe_links.with_motion(state, shared, mine, j, other, acceleration, end.link)
         end.depth = depth
         end.normal = rotated_vector(e, n[0], n[1])
         end.place = rotated_vector(e, z[0], z[1])
         return link_contacts.find_reaction(state, tallies, shared, mine, now, end)
 
     @wp.func
-    def sum_of_four(value: Real):
-        """Sum of `value` over the threads that share a pin."""
-        return sum_with_lane(sum_with_lane(value, 1), 2)
+    def sum_of_two(value: vec2):
+        """Sum of `value` over the threads that share a link."""
+        return vec2(sum_with_lane(value[0], 1), sum_with_lane(value[1], 1))
 
     @wp.func
-    def reaction_of_threads(sum: link_contacts.Reaction, now: Now):
-        """Sum over the threads that share a pin, but for the forces on other pins."""
-        sum.near = vec2(sum_of_four(sum.near[0]), sum_of_four(sum.near[1]))
-        sum.whole = vec2(sum_of_four(sum.whole[0]), sum_of_four(sum.whole[1]))
-        sum.moment = sum_of_four(sum.moment)
+    def sum_of_threads(sum: link_contacts.Reaction, now: Now):
+        """Sum over the threads that share a link."""
+        sum.near = sum_of_two(sum.near)
+        sum.far = sum_of_two(sum.far)
+        sum.whole = sum_of_two(sum.whole)
+        sum.moment = sum_with_lane(sum.moment, 1)
         if now.flags & EXTRA != 0:
-            sum.size = sum_of_four(sum.size)
-            sum.energy = sum_of_four(sum.energy)
+            sum.size = sum_with_lane(sum.size, 1)
+            sum.energy = sum_with_lane(sum.energy, 1)
         return sum
 
     @wp.func
-    def add_reaction(state: State, shared: Shared, mine: ThreadParts, now: Now, pin: Pin, sum: link_contacts.Reaction):
-        """Adds the forces on a pin's links, but for those on other pins, to rows and wheel."""
-        j, s = pin.number, pin.sprocket
+    def add_reaction(
+        state: State,
+        shared: Shared,
+        mine: ThreadParts,
+        now: Now,
+        pin: toe_gaps.Pin,
+        after: bool,
+        sum: link_contacts.Reaction,
+    ):
+        """Adds the forces on a pin's link to rows and wheel."""
+        j, s = pin.pair // BITS, pin.pair % BITS
         toe_rows.add_pair(shared.rows, row.near_x, row.near_y, j, sum.near)
+        if after:
+            toe_rows.add_pair(shared.rows, row.next_x, row.next_y, j, sum.far)
+        else:
+            toe_rows.add_pair(shared.rows, row.last_x, row.last_y, j, sum.far)
         wrench_parts.add_wrench(shared, mine, s, j, sum.moment, sum.whole, now.measures)
         wrench_parts.add_wrench_on_carrier(shared, mine, now, s, j, sum.whole)
         link_contacts.add_samples(state, mine, now, j, s, sum)
 
     @wp.func
-    def pin_in_gap(ensemble: Ensemble, state: State, shared: Shared, mine: ThreadParts, j: int, s: int):
-        """Pin j in its gap of sprocket s, whose number the state keeps."""
-        teeth, body = shared.teeth[s], shared.poses[s]
-        p = difference(rollers.exact_position(shared.rows, j), body.center)
-        pin = Pin()
-        pin.number = j
-        pin.sprocket = s
-        pin.memory = chains.contact_memory(shared, mine, j, s)
-        pin.arm = leading_value(p)
-        kept = whole_access.load(state.seat, pin.memory)
-        number = kept
-        if number < 0:
-            number = nearest_seat(pin.arm, leading_value(body.cosine), leading_value(body.sine), teeth.teeth)
-        found, e, xi, lateral = tracked_seat_from(
-            p, number, load_constant(ensemble.seats, teeth.first_seat + number), body, teeth, ensemble.seats
-        )
-        if found != kept:
-            whole_access.store(state.seat, pin.memory, found)
-        pin.outward = e
-        pin.xi = xi
-        pin.lateral = lateral
-        pin.acceleration = toe_links.pin_acceleration(state, shared, mine, j)
-        return pin
-
-    @wp.func
-    def add_forces_on_pin(
-        ensemble: Ensemble, state: State, tallies: Tallies, shared: Shared, mine: ThreadParts, now: Now, pair: int
+    def add_forces_on_links(
+        state: State,
+        tallies: Tallies,
+        shared: Shared,
+        mine: ThreadParts,
+        now: Now,
+        pin: toe_gaps.Pin,
+        sides: int,
+        list: int,
     ):
-        """Adds the forces on one pair of pin and sprocket, -1 for none; four threads of the warp share it."""
-        sharing = wp.min(warp_lanes(), ENDS)
-        own = mine.thread % sharing
-        pin, whole = Pin(), link_contacts.Reaction()
-        if pair >= 0:
-            pin = pin_in_gap(ensemble, state, shared, mine, pair // BITS, pair % BITS)
-        number = own
-        while number < ENDS:
-            sum = link_contacts.Reaction()
-            if pair >= 0:
-                sum = force_on_flank_end(state, tallies, shared, mine, now, pin, number)
-            far = vec2(sum_with_lane(sum.far[0], 1), sum_with_lane(sum.far[1], 1))
-            if pair >= 0 and (number % 2 == 0 or sharing == 1):
-                if number < 2:
-                    toe_rows.add_pair(shared.rows, row.next_x, row.next_y, pin.number, far)
-                else:
-                    toe_rows.add_pair(shared.rows, row.last_x, row.last_y, pin.number, far)
-            whole = link_contacts.sum_of_reactions(whole, sum)
-            number = number + sharing
-        whole = reaction_of_threads(whole, now)
-        if pair >= 0 and own == 0:
-            add_reaction(state, shared, mine, now, pin, whole)
+        """Adds the forces on those links of the pins that a warp's threads have found that may touch, by `sides`.
+
+        Pins with such a link after them are listed in rows from `list` on, then those with one before them.
+        """
+        lanes, sharing = warp_lanes(), wp.min(warp_lanes(), link_ends)
+        lane = mine.thread % lanes
+        side = int(0)
+        while side < 2:
+            flag = (sides >> side) & 1
+            owners = lanes_with_flag(flag)
+            if flag != 0:
+                access.store(shared.rows, list + bits_below(owners, lane), Real(lane))
+            count = bits_below(owners, lanes)
+            end_turn()
+            at = lane // sharing
+            while at - lane // sharing < count:
+                owner = lane
+                if at < count:
+                    owner = int(access.load(shared.rows, list + at))
+                found, sum = toe_gaps.pin_of_lane(pin, owner), link_contacts.Reaction()
+                if at < count:
+                    end = lane % sharing
+                    while end < link_ends:
+                        of_end = force_on_flank_end(state, tallies, shared, mine, now, found, side * link_ends + end)
+                        sum = link_contacts.sum_of_reactions(sum, of_end)
+                        end = end + sharing
+                sum = sum_of_threads(sum, now)
+                if at < count and lane % sharing == 0:
+                    add_reaction(state, shared, mine, now, found, side == 0, sum)
+                at = at + lanes // sharing
+            end_turn()
+            side = side + 1
 
     @wp.func
     def add_toe_forces(
@@ -207,13 +198,15 @@ def toe_functions(kind: BlockKind) -> ToeFunctions:
                     access.store(shared.rows, first + count + bits_below(owners, lane), Real(BITS * j + s))
                 count = count + bits_below(owners, lanes)
             end_turn()
-            at = lane // ENDS
-            while at - lane // ENDS < count:
-                pair = int(-1)
-                if at < count:
-                    pair = int(access.load(shared.rows, first + at))
-                add_forces_on_pin(ensemble, state, tallies, shared, mine, now, pair)
-                at = at + (lanes + 3) // ENDS
-            end_turn()
+            done = int(0)
+            while done < count:
+                pin, sides = toe_gaps.Pin(), int(0)
+                if done + lane < count:
+                    pair = int(access.load(shared.rows, first + done + lane))
+                    pin = toe_gaps.pin_in_gap(ensemble, state, shared, mine, pair)
+                    sides = toe_gaps.near_sides(state, shared, mine, pin)
+                end_turn()
+                add_forces_on_links(state, tallies, shared, mine, now, pin, sides, first + done)
+                done = done + lanes
 
     return ToeFunctions(add_toe_forces=add_toe_forces)
