@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -20,6 +20,8 @@ from warpchain.assembly.guide_obstacles import place_on_arm
 from warpchain.assembly.path import MAX_STRAIN, ChainPath, PathPlan, PathValues
 from warpchain.drive.face_profile import unit_vector
 from warpchain.drive.stack_math import (
+    Condition,
+    Number,
     UnlikeVariants,
     copysign,
     is_true_everywhere,
@@ -61,7 +63,7 @@ _LEAST_CHANGE = 1e-7  # rad; of smaller steps round-off spoils the slope
 _STILL = 1e-11  # rad
 
 
-def path_tension(model: ChainModel, path: ChainPath | PathValues, beyond: Any = 0.0) -> Any:
+def path_tension(model: ChainModel, path: ChainPath | PathValues, beyond: Number = 0.0) -> Number:
     """Tension of a chain on its path, strained by `beyond` more [N]; 0 where slack."""
     strain = minimum(path.nominal_strain, MAX_STRAIN) + beyond
     return model.chain.mean_stiffness * path.pitch * maximum(strain, 0.0)
@@ -75,7 +77,7 @@ class RestingTensioner:
         self.push, self.spring = static_force(tensioner), tensioner.spring_stiffness  # the push at the drawing [N]
         self.bottom, self.stop = bottom_place(tensioner), model.chain.stiffness
 
-    def force(self, x: Any) -> Any:
+    def force(self, x: Number) -> Number:
         """Force of a tensioner at rest at an extension [N]."""
         return maximum(self.push - self.spring * x, 0.0) + self.stop * maximum(self.bottom - x, 0.0)
 
@@ -104,13 +106,13 @@ class RestingCoil:
         )
         self.stiffness, self.free_length = spring.stiffness, spring.free_length
 
-    def _length(self, angle: Any) -> tuple[Any, Any, Any]:
+    def _length(self, angle: Number) -> tuple[Number, Number, Number]:
         """Coil spring's length [m], and its ends' inner and cross product from the pivot [m^2]."""
         cosine, sine = unit_vector(angle)
         inner, outer = self.inner * cosine - self.outer * sine, self.outer * cosine + self.inner * sine
         return sqrt(maximum(self.squares - 2.0 * inner, LEAST_SQUARE)), inner, outer
 
-    def moment(self, angle: Any) -> Any:
+    def moment(self, angle: Number) -> Number:
         """Moment of an arm's coil spring at the arm's angle [N m]."""
         length, _, outer = self._length(angle)
         return -self.stiffness * (length - self.free_length) * outer / length
@@ -139,11 +141,11 @@ class RestingArm:
         self.stop = 0.0 if arm.stops is None else model.stop_stiffness(a)
         self.coil = None if arm.spring is None else RestingCoil(arm)
 
-    def moment(self, angle: Any) -> Any:
+    def moment(self, angle: Number) -> Number:
         """Moment on an arm without the chain's, at the arm's angle [N m]."""
         return self.joint_moment(angle, self.weight_moment(angle))
 
-    def weight_moment(self, angle: Any) -> Any:
+    def weight_moment(self, angle: Number) -> Number:
         """Moment of an arm's weight about its pivot [N m]."""
         (gx, gy), found = self.gravity, 0.0
         for mass, center in self.weights:
@@ -151,7 +153,7 @@ class RestingArm:
             found = found + mass * (x * gy - y * gx)
         return found
 
-    def joint_moment(self, angle: Any, beside: Any = 0.0) -> Any:
+    def joint_moment(self, angle: Number, beside: Number = 0.0) -> Number:
         """Moment of an arm's springs, stops and tensioners, plus `beside`, at its angle to its parent [N m]."""
         found = (
             beside
@@ -184,12 +186,12 @@ class RestingArm:
             found += tensioner.stiffness(extended) * lever**2 - tensioner.force(extended) * change
         return found
 
-    def excess_beyond_stops(self, angle: Any) -> Any:
+    def excess_beyond_stops(self, angle: Number) -> Number:
         """Angle of an arm beyond its stops [rad], above 0 beyond the upper one."""
         low, high = self.arm.stops_rad
         return maximum(angle - high, 0.0) - maximum(low - angle, 0.0)
 
-    def extension(self, tensioner: Tensioner | RestingTensioner, angle: Any) -> Any:
+    def extension(self, tensioner: Tensioner | RestingTensioner, angle: Number) -> Number:
         """Extension of an arm's tensioner at the arm's angle [m]."""
         (x, y), (ux, uy) = self._place_from_pivot(tensioner.at, angle), tensioner.unit_direction
         (px, py), (ax, ay) = self.arm.pivot, tensioner.at
@@ -203,12 +205,12 @@ class RestingArm:
             found += mass * (x * gx + y * gy)
         return found
 
-    def _levers(self, tensioner: RestingTensioner, angle: Any) -> tuple[Any, Any]:
+    def _levers(self, tensioner: RestingTensioner, angle: Number) -> tuple[Number, Number]:
         """Lever of an arm's tensioner about the pivot [m], and its derivative by the angle [m/rad]."""
         (x, y), (ux, uy) = self._place_from_pivot(tensioner.at, angle), tensioner.unit_direction
         return x * uy - y * ux, -(x * ux + y * uy)
 
-    def _place_from_pivot(self, place: Sequence[float], angle: Any) -> tuple[Any, Any]:
+    def _place_from_pivot(self, place: Sequence[float], angle: Number) -> tuple[Number, Number]:
         """Vector from an arm's pivot to a drawn place, turned by an angle [m]."""
         (px, py), (cosine, sine) = self.arm.pivot, unit_vector(angle)
         dx, dy = place[0] - px, place[1] - py
@@ -227,15 +229,19 @@ def stop_name(model: ChainModel, a: int, angle: float) -> str | None:
     return "lower" if lower else "upper" if upper else None
 
 
-def has_reached_stops(arm: Arm, angle: Any) -> tuple[Any, Any]:
+def has_reached_stops(arm: Arm, angle: Number) -> tuple[Condition, Condition]:
     """Whether an arm stands on its lower stop, and on its upper one."""
     low, high = arm.stops_rad
     return angle <= low + AT_STOP, angle >= high - AT_STOP
 
 
 def chain_moment(
-    model: ChainModel, path: ChainPath | PathValues, a: int, beyond: Any = 0.0, pivot: tuple[Any, Any] | None = None
-) -> Any:
+    model: ChainModel,
+    path: ChainPath | PathValues,
+    a: int,
+    beyond: Number = 0.0,
+    pivot: tuple[Number, Number] | None = None,
+) -> Number:
     """Moment of the chain on arm a and arms on it, about its drawn pivot or `pivot` [N m]."""
     pivot = model.arms[a].pivot if pivot is None else pivot
     levers = 0.0
@@ -245,7 +251,7 @@ def chain_moment(
     return path_tension(model, path, beyond) * levers
 
 
-def _strand_pull_lever(model: ChainModel, path: ChainPath | PathValues, s: int, pivot: tuple[Any, Any]) -> Any:
+def _strand_pull_lever(model: ChainModel, path: ChainPath | PathValues, s: int, pivot: tuple[Number, Number]) -> Number:
     """Lever of sprocket s' two strands about an arm's pivot, moment over tension [m]."""
     px, py = pivot
     if isinstance(path, PathValues):
@@ -266,9 +272,9 @@ class ArmBalance:
     def __init__(self, model: ChainModel) -> None:
         self.plan = PathPlan(model)
         self.still = [RestingArm(model, a) for a in range(len(model.arms))]
-        self.slopes: dict[int, Any] = {}  # of the moments by the angles, as last found [N m/rad]
+        self.slopes: dict[int, Number] = {}  # of the moments by the angles, as last found [N m/rad]
 
-    def path(self, beyond: Any = 0.0, angles: Sequence[Any] | None = None) -> ChainPath:
+    def path(self, beyond: Number = 0.0, angles: Sequence[Number] | None = None) -> ChainPath:
         """Chain path with all arms in balance, with the first axis of a stack.
 
         Args:
@@ -279,7 +285,7 @@ class ArmBalance:
             DriveError: an arm without a balance; or as `path_at`.
             UnlikeVariants: balances found in unlike ways.
         """
-        found: list[Any] = [0.0] * len(self.still) if angles is None else list(angles)
+        found: list[Number] = [0.0] * len(self.still) if angles is None else list(angles)
         for a, still in enumerate(self.still):
             low, high = still.arm.stops_rad
             found[a] = minimum(maximum(found[a], low), high)
@@ -292,11 +298,11 @@ class ArmBalance:
                 break
         return self.plan.path(found)
 
-    def _balanced_angle(self, angles: Sequence[Any], a: int, beyond: Any) -> Any:
+    def _balanced_angle(self, angles: Sequence[Number], a: int, beyond: Number) -> Number:
         """Angle of arm a in balance, the other arms fixed [rad]."""
         model = self.plan.model
 
-        def moment(angle: Any) -> Any:
+        def moment(angle: Number) -> Number:
             """Moment on the arm, chain included [N m]."""
             course = self.plan.path_values([*angles[:a], angle, *angles[a + 1 :]])
             return self._moment_without_chain(angles, a, angle) + chain_moment(
@@ -311,12 +317,12 @@ class ArmBalance:
             raise UnlikeVariants(np.arange(self.plan.variants) < self.plan.variants // 2)
         return _bracketed_root(moment, self.still[a].arm, angles[a])
 
-    def _pivot(self, angles: Sequence[Any], a: int) -> tuple[Any, Any]:
+    def _pivot(self, angles: Sequence[Number], a: int) -> tuple[Number, Number]:
         """Pivot of arm a with the arms at angles (A,) [m]."""
         model = self.plan.model
         return place_on_arm(model, model.parent(a), model.arms[a].pivot, angles)
 
-    def _moment_without_chain(self, angles: Sequence[Any], a: int, angle: Any) -> Any:
+    def _moment_without_chain(self, angles: Sequence[Number], a: int, angle: Number) -> Number:
         """Moment on arm a and arms on it without the chain's [N m]."""
         model, (gx, gy) = self.plan.model, self.plan.model.run.gravity
         if model.parent(a) is None and not model.arms_on(a):
@@ -357,7 +363,9 @@ def _bracketed_root(moment: Callable[[float], float], arm: Arm, near: float) -> 
     raise DriveError(f"arms.{arm.name}: {where}; look at its stops, and at the {turns}")
 
 
-def _secant_root(moment: Callable[[Any], Any], near: Any, slope: Any = None) -> tuple[Any, Any] | None:
+def _secant_root(
+    moment: Callable[[Number], Number], near: Number, slope: Number = None
+) -> tuple[Number, Number] | None:
     """Angle at which an arm's moment is 0 [rad], and its slope there [N m/rad]; None if secants fail.
 
     Args:
@@ -395,7 +403,7 @@ def _secant_root(moment: Callable[[Any], Any], near: Any, slope: Any = None) -> 
     return None
 
 
-def _newton_change(here: Any, slope: Any) -> Any:
+def _newton_change(here: Number, slope: Number) -> Number:
     """Newton step of an arm's angle to balance [rad]; of slope -1 where the moment does not fall."""
     return maximum(-_LONGEST, minimum(_LONGEST, -here / where(slope < 0.0, slope, -1.0)))
 

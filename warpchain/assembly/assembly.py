@@ -32,6 +32,7 @@ from warpchain.drive.body_ties import BodyTie, body_ties
 from warpchain.drive.face_profile import unit_vector
 from warpchain.drive.sprocket import ElasticMount, SliderMount
 from warpchain.drive.stack_math import (
+    Number,
     UnlikeVariants,
     array_of_columns,
     columns_of_table,
@@ -215,7 +216,7 @@ class _RollerPlacement:
         self.lengths = lengths[None] if lengths.ndim == 1 else lengths[alike]  # (1, N) or (K, N)
         self.position, self.velocity = (np.empty((len(self.radius), count, 2)) for _ in range(2))
 
-    def _variant_column(self, value: Any) -> Any:
+    def _variant_column(self, value: Number) -> Number:
         """Column (K, 1) of an array (V,) for these variants; a number stays."""
         return value[self.alike][:, None] if has_arrays(value) else value
 
@@ -275,7 +276,7 @@ class _RollerPlacement:
         moved = side * np.sqrt(np.maximum(length**2 - across, 0.0))
         self.path.center[self.alike, s] = self.position[:, held] + off + (moved - ahead)[:, None] * way
 
-    def _full_column(self, value: Any) -> Array:
+    def _full_column(self, value: Number) -> Array:
         """Column (K, 1) of a number or array (V,) for these variants."""
         return np.broadcast_to(np.asarray(self._variant_column(value), dtype=np.float64), (len(self.position), 1))
 
@@ -376,7 +377,7 @@ def _seated_stack_with_arms(model: ChainModel) -> tuple[ChainPath, Seating, Loop
     return path, seating, loop
 
 
-def _check_stretch(sprocket: Sprocket, strain: Any) -> None:
+def _check_stretch(sprocket: Sprocket, strain: Number) -> None:
     """Raises a DriveError where an open chain's end strains it too far."""
     most = float(np.max(strain))
     if not most <= MAX_STRAIN:
@@ -492,7 +493,7 @@ def _check_keyed_sprockets(model: ChainModel, angle: Array) -> None:
 def _starting_speeds(model: ChainModel, path: ChainPath, variants: int) -> tuple[Array, Array]:
     """Initial angular velocities (V, S) of sprockets and (V, H) of shafts [rad/s]."""
     count = len(model.sprockets)
-    known: dict[int, Any] = {}
+    known: dict[int, Number] = {}
     parts: list[Sprocket | Shaft] = [*model.sprockets, *model.shafts]
     for b, part in enumerate(parts):
         if part.prescribed is not None:
@@ -519,7 +520,7 @@ def _starting_speeds(model: ChainModel, path: ChainPath, variants: int) -> tuple
     )
 
 
-def _spread_speeds(known: dict[int, Any], tied: Sequence[BodyTie]) -> None:
+def _spread_speeds(known: dict[int, Number], tied: Sequence[BodyTie]) -> None:
     """Adds to `known` the initial speeds of bodies tied to those in it."""
     for tie in tied:
         if tie.a in known and tie.b not in known:
@@ -528,7 +529,7 @@ def _spread_speeds(known: dict[int, Any], tied: Sequence[BodyTie]) -> None:
             known[tie.a] = known[tie.b] / float(tie.ratio)
 
 
-def _prescribed_speed(model: ChainModel, turned: Sprocket | Shaft) -> Any:
+def _prescribed_speed(model: ChainModel, turned: Sprocket | Shaft) -> Number:
     """Prescribed forward speed of a body at t = 0 [rad/s]; 0 if ramped up."""
     motion = turned.prescribed
     if motion is None or is_true_somewhere(motion.ramp_time > 0.0):

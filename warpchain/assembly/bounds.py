@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -11,7 +9,7 @@ from warpchain.assembly.assembly import Assembly
 from warpchain.assembly.path import MAX_STRAIN
 from warpchain.drive.body_ties import nearest_sprocket
 from warpchain.drive.sprocket import ElasticMount, Load, SliderMount
-from warpchain.drive.stack_math import power
+from warpchain.drive.stack_math import Number, power
 from warpchain.model import ChainModel
 from warpchain.model.trains import body_speed_ratio, free_body_loads
 
@@ -43,7 +41,7 @@ def _largest_load_moment(load: Load, speed: float) -> float:
     return abs(load.torque) + abs(table) + load.viscous * speed + load.quadratic * speed * speed
 
 
-def _tension_with_loads(model: ChainModel, tension: Any, speed: Any) -> Any:
+def _tension_with_loads(model: ChainModel, tension: Number, speed: Number) -> Number:
     """Chain tension with the pulls of loads and mounts' preloads [N]."""
     for s, sprocket in enumerate(model.sprockets):
         radius = model.pitch_radius(s)

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from warpchain.assembly.taut_string import Arc, obstacle_arcs
 from warpchain.drive.face_profile import Piece, Point, Profile, unit_vector
 from warpchain.drive.stack_math import (
+    Number,
     arctan2,
     array_of_columns,
     maximum,
@@ -77,7 +78,7 @@ def nearest_strand(model: ChainModel, g: int, strands: Sequence[Line]) -> tuple[
     rides = [(x - offset * math.sin(h), y + offset * math.cos(h)) for (x, y), h in feet]
     fx, fy = rides[-1][0] - rides[0][0], rides[-1][1] - rides[0][1]
     span = quick_hypot(fx, fy)
-    nearest: Any = math.inf
+    nearest: Number = math.inf
     found: tuple[int, bool, float] | None = None
     for k, ((sx, sy), (ex, ey)) in enumerate(strands):
         length = quick_hypot(ex - sx, ey - sy)
@@ -86,8 +87,8 @@ def nearest_strand(model: ChainModel, g: int, strands: Sequence[Line]) -> tuple[
         if shared_value(abs(cosine) < _ALONG):
             continue
         side = 1.0 if shared_value(cosine > 0.0) else -1.0
-        count: Any = 0
-        height: Any = 0.0
+        count: Number = 0
+        height: Number = 0.0
         for x, y in rides:
             ahead = (x - sx) * ux + (y - sy) * uy
             beside = (ahead > 0.0) & (ahead < length)
@@ -107,7 +108,7 @@ def cut_depth(run: Run, line: Line) -> float:
     (sx, sy), (ex, ey) = line
     heading, length = arctan2(ey - sy, ex - sx), quick_hypot(ex - sx, ey - sy)
     ux, uy = unit_vector(heading)
-    deepest: Any = -math.inf
+    deepest: Number = -math.inf
     for arc in run:
         x, y = arc.at(arc.nearest_heading(heading))
         ahead = (x - sx) * ux + (y - sy) * uy
@@ -229,7 +230,7 @@ def cross(a: NDArray[np.float64], b: NDArray[np.float64]) -> NDArray[np.float64]
     return np.asarray(a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0])
 
 
-def _turned_arc(arc: Arc, pivot: Point, angle: Any) -> Arc:
+def _turned_arc(arc: Arc, pivot: Point, angle: Number) -> Arc:
     """Guide's arc turned about a pivot by an angle [rad]."""
     return replace(arc, center=rotated_place(pivot, arc.center, angle), begin=arc.begin + angle, end=arc.end + angle)
 
@@ -243,15 +244,17 @@ def arm_pivots(model: ChainModel, arm: int | None) -> tuple[tuple[int, Point], .
     return tuple(found)
 
 
-def place_on_arm(model: ChainModel, arm: int | None, place: Point, arm_angle: Sequence[Any]) -> tuple[Any, Any]:
+def place_on_arm(
+    model: ChainModel, arm: int | None, place: Point, arm_angle: Sequence[Number]
+) -> tuple[Number, Number]:
     """Drawn place on an arm, moved with arms at angles (A,) [m]."""
-    found: tuple[Any, Any] = place
+    found: tuple[Number, Number] = place
     for a, pivot in arm_pivots(model, arm):
         found = rotated_place(pivot, found, arm_angle[a])
     return found
 
 
-def rotated_place(pivot: Point, place: Point, angle: Any) -> tuple[Any, Any]:
+def rotated_place(pivot: Point, place: Point, angle: Number) -> tuple[Number, Number]:
     """Place turned about a pivot by an angle [rad]."""
     cosine, sine = unit_vector(angle)
     x, y = place[0] - pivot[0], place[1] - pivot[1]

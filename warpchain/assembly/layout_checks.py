@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from itertools import combinations
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,7 +15,7 @@ from warpchain.assembly.guide_obstacles import BEHIND, OWN, cross, dot, nearest_
 from warpchain.assembly.path import ChainPath
 from warpchain.assembly.strength import HardestPull, strength_advice
 from warpchain.drive.catalogue import ELONGATION_AT_BREAKING_LOAD
-from warpchain.drive.stack_math import array_of_columns, with_last_axis
+from warpchain.drive.stack_math import Condition, array_of_columns, with_last_axis
 from warpchain.drive.tensioners import Tensioner
 from warpchain.model import ChainModel
 from warpchain.model.oil import filled_tensioner, filling_time, outlet_flows, static_pressure
@@ -75,7 +75,7 @@ def has_possible_faults(model: ChainModel, path: ChainPath) -> NDArray[np.bool_]
     return found
 
 
-def _is_touching_guide(model: ChainModel, path: ChainPath, g: int) -> Any:
+def _is_touching_guide(model: ChainModel, path: ChainPath, g: int) -> Condition:
     """Whether a chain touches guide g between its rounded ends, () or (V,)."""
     length, found = model.profile(g).face_length, False
     for first, last in (touch.places for touch in _guide_touches(path, g)):

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from warpchain.drive.face_profile import Piece, unit_vector
 from warpchain.drive.stack_math import (
+    Number,
     array_of_columns,
     has_arrays,
     index_of_maximum,
@@ -37,7 +38,7 @@ _EXACT = 4e-16  # of the curve
 _CLOSE = 1e-12  # of the curve; from there on a step to the end leaves round-off
 
 
-def _length_along_piece(link: Any, curvature: Any) -> Any:
+def _length_along_piece(link: Number, curvature: Number) -> Number:
     """Length along a curve's piece that a laid link takes [m]."""
     half = 0.5 * link * abs(curvature)
     bends, otherwise = (half > 0.0) & (half < 1.0), where(half == 0.0, link, math.inf)
@@ -47,7 +48,7 @@ def _length_along_piece(link: Any, curvature: Any) -> Any:
     return where(bends, link * quick_arcsin(safe) / safe, otherwise)
 
 
-def _table_of_pieces(values: Sequence[Any]) -> NDArray[np.float64]:
+def _table_of_pieces(values: Sequence[Number]) -> NDArray[np.float64]:
     """Table (P, V) or (P, 1) of pieces' numbers or arrays (V,)."""
     return np.atleast_2d(array_of_columns(values)).T
 
@@ -80,7 +81,7 @@ class LayingCurve:
         tables = np.broadcast_arrays(*map(_table_of_pieces, columns), _table_of_pieces(self.begins))
         return np.stack(tables, axis=-1), _table_of_pieces(self.ends)
 
-    def _piece_index(self, s: Any) -> Any:
+    def _piece_index(self, s: Number) -> Number:
         """Index of a curve's piece at an arc length."""
         if not has_arrays(s) and not self.stacked:
             return min(max(bisect_right(self.begins, s) - 1, 0), len(self.pieces) - 1)
@@ -89,7 +90,7 @@ class LayingCurve:
             found += s >= begin
         return found
 
-    def at(self, s: Any) -> tuple[tuple[Any, Any], Any]:
+    def at(self, s: Number) -> tuple[tuple[Number, Number], Number]:
         """Point [m] and heading [rad] of a curve at an arc length."""
         i = self._piece_index(s)
         if has_arrays(i):
@@ -105,7 +106,7 @@ class LayingCurve:
             x, y = x + (inner - held) * ux, y + (inner - held) * uy
         return (x, y), heading
 
-    def _link_end(self, s: Any, link: Any) -> Any:
+    def _link_end(self, s: Number, link: Number) -> Number:
         """Arc length of a laid link's end on another piece of the curve [m]."""
         (x, y), _ = self.at(s)
         ahead, done = s + link, False
@@ -121,13 +122,13 @@ class LayingCurve:
                 break
         return ahead
 
-    def places(self, links: NDArray[np.float64]) -> list[Any]:
+    def places(self, links: NDArray[np.float64]) -> list[Number]:
         """Arc lengths of rollers of links (n,) or (V, n) laid along a curve from 0 [m]."""
         alike = bool((links == links[..., :1]).all())
         stacked = self.stacked or links.ndim > 1
         ends: Any = self.tables[1] if stacked else self.ends
-        found: list[Any] = [0.0]
-        s: Any = np.zeros(np.broadcast(self.length, links[..., 0]).shape) if stacked else 0.0
+        found: list[Number] = [0.0]
+        s: Number = np.zeros(np.broadcast(self.length, links[..., 0]).shape) if stacked else 0.0
         reaches: Any = None
         for link in links.tolist() if links.ndim == 1 else links.T.copy():
             if reaches is None or not alike:
@@ -140,7 +141,7 @@ class LayingCurve:
             found.append(s)
         return found
 
-    def points(self, places: Sequence[Any]) -> NDArray[np.float64]:
+    def points(self, places: Sequence[Number]) -> NDArray[np.float64]:
         """Points (n, 2) or (V, n, 2) of a curve at arc lengths [m]."""
         points = [self.at(s)[0] for s in places]
         return np.stack([array_of_columns([point[axis] for point in points]) for axis in range(2)], axis=-1)
@@ -149,7 +150,7 @@ class LayingCurve:
         """The curve in the opposite direction."""
         return LayingCurve([piece.reversed_piece() for piece in reversed(self.pieces)])
 
-    def scale(self, links: NDArray[np.float64], guess: Any = None) -> Any:
+    def scale(self, links: NDArray[np.float64], guess: Number = None) -> Number:
         """Factor on links (n,) or (V, n) that, laid as chords, span a curve."""
         factor, known = self.length / summed_lengths(links) if guess is None else guess, (0.0, 0.0)
         near, done = 4.0 * _EXACT * self.length * links.shape[-1] ** 0.5, False
@@ -171,6 +172,6 @@ class LayingCurve:
         return factor
 
 
-def summed_lengths(links: NDArray[np.float64]) -> Any:
+def summed_lengths(links: NDArray[np.float64]) -> Number:
     """Sum of laid links' lengths (n,) or (V, n) [m]."""
     return float(links.sum()) if links.ndim == 1 else links.sum(axis=1)

@@ -17,7 +17,7 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from copy import copy
 from dataclasses import dataclass, fields, replace
 from itertools import combinations, product
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import TYPE_CHECKING, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,6 +26,8 @@ from warpchain.assembly.guide_obstacles import PlacedGuide, Run, has_obstructed_
 from warpchain.assembly.taut_string import Arc, TautError, TautString, circle_end, runs_under_links, taut_string
 from warpchain.drive.plate import top_radius
 from warpchain.drive.stack_math import (
+    Condition,
+    Number,
     UnlikeVariants,
     arctan2,
     array_of_columns,
@@ -54,7 +56,7 @@ FEW = 16
 
 Found = TypeVar("Found")
 Item = TypeVar("Item")
-Pair = tuple[Any, Any]
+Pair = tuple[Number, Number]
 """Two coordinates, each a number or an array (V,)."""
 
 _NO_WRAP = 1e-9  # rad
@@ -176,15 +178,15 @@ def allowed_results(
 class PathValues:
     """Values of a chain path as numbers or arrays (V,), in lists (S,) or alone."""
 
-    pitch: Any
+    pitch: Number
     center: list[Pair]
-    wrap: list[Any]
-    arriving: list[Any]  # headings
+    wrap: list[Number]
+    arriving: list[Number]  # headings
     start: list[Pair]
     end: list[Pair]
-    length: list[Any]
-    wrapped_pitches: Any
-    nominal_strain: Any
+    length: list[Number]
+    wrapped_pitches: Number
+    nominal_strain: Number
     strings: tuple[TautString | None, ...]
     obstacles: tuple[tuple[Run, ...], ...]
 
@@ -229,7 +231,7 @@ class PathPlan:
             return []
         return [circle_end(c, r, w) for c, r, w in zip(center, self.radius, self.sign, strict=True)]
 
-    def _plan_at_angles(self, arm_angle: Sequence[Any]) -> PathPlan:
+    def _plan_at_angles(self, arm_angle: Sequence[Number]) -> PathPlan:
         """Path plan with sprockets moved by arms at angles (A,)."""
         if all(a is None for a in self.carrier):
             return self
@@ -257,7 +259,7 @@ class PathPlan:
             raise UnlikeVariants(np.arange(self.variants))
         return strand_obstacles(model, [(line.start, line.end) for line in self.lines[: self.strands]])
 
-    def path_values(self, arm_angle: Sequence[Any]) -> PathValues:
+    def path_values(self, arm_angle: Sequence[Number]) -> PathValues:
         """Values of the chain path with arms at angles (A,).
 
         Raises:
@@ -266,7 +268,7 @@ class PathPlan:
         """
         return self._plan_at_angles(arm_angle)._path_values(arm_angle)
 
-    def _path_values(self, arm_angle: Sequence[Any]) -> PathValues:
+    def _path_values(self, arm_angle: Sequence[Number]) -> PathValues:
         """Values of the chain path, sprockets on arms already in place."""
         sign, strands = self.sign, range(len(self.sign))
         start, end = [line.start for line in self.lines], [line.end for line in self.lines]
@@ -297,7 +299,7 @@ class PathPlan:
             self.pitch, self.center, wrap, arriving, start, end, length, wrapped, strain, strings, tuple(met)
         )
 
-    def path(self, arm_angle: Sequence[Any]) -> ChainPath:
+    def path(self, arm_angle: Sequence[Number]) -> ChainPath:
         """Chain path with arms at angles (A,), with the first axis of a stack.
 
         Raises:
@@ -392,13 +394,13 @@ class _StraightStrand:
     """Straight strand: unit vector, heading [rad], ends and length [m]; numbers, or arrays (V,)."""
 
     direction: Pair
-    heading: Any
+    heading: Number
     start: Pair
     end: Pair
-    length: Any
+    length: Number
 
 
-def _common_tangent(one: Pair, other: Pair, arm: Any, following: Any) -> _StraightStrand:
+def _common_tangent(one: Pair, other: Pair, arm: Number, following: Number) -> _StraightStrand:
     """Common tangent of two circles with signed radii w R, (a), (b)."""
     dx, dy = other[0] - one[0], other[1] - one[1]
     h = following - arm
@@ -410,7 +412,7 @@ def _common_tangent(one: Pair, other: Pair, arm: Any, following: Any) -> _Straig
     return _StraightStrand((ux, uy), arctan2(uy, ux), start, end, length)
 
 
-def _nominal_strain(links: int, wrapped: Any, straight: Any) -> Any:
+def _nominal_strain(links: int, wrapped: Number, straight: Number) -> Number:
     """Nominal strain of a path's strands for a number of links, () or (V,)."""
     free = links - wrapped
     if not has_arrays(free):
@@ -419,7 +421,7 @@ def _nominal_strain(links: int, wrapped: Any, straight: Any) -> Any:
         return np.where(free > 0.0, straight / free - 1.0, math.inf)
 
 
-def _variant_number(value: Any, v: int) -> float:
+def _variant_number(value: Number, v: int) -> float:
     """Number of a stack's variant v, from a number or array (V,)."""
     return float(value[v]) if isinstance(value, np.ndarray) else float(value)
 
@@ -435,12 +437,12 @@ def _neighbor_pairs(values: Iterable[Item]) -> Iterator[tuple[Item, Item]]:
     return zip(items, items[1:] + items[:1], strict=True)
 
 
-def _first_variant(condition: Any) -> int | None:
+def _first_variant(condition: Condition) -> int | None:
     """First variant of a stack for which a condition holds, or None."""
     return int(np.argmax(condition)) if is_true_somewhere(condition) else None
 
 
-def _check_tips(model: ChainModel, radius: Sequence[Any]) -> None:
+def _check_tips(model: ChainModel, radius: Sequence[Number]) -> None:
     """Raises a DriveError where rollers or toes of long links ride over a sprocket's tips."""
     for s, sprocket in enumerate(model.sprockets):
         if sprocket.is_end:
@@ -459,7 +461,7 @@ def _check_tips(model: ChainModel, radius: Sequence[Any]) -> None:
             )
 
 
-def _check_apart(model: ChainModel, center: Sequence[Pair], radius: Sequence[Any]) -> None:
+def _check_apart(model: ChainModel, center: Sequence[Pair], radius: Sequence[Number]) -> None:
     """Raises a DriveError where pitch circles overlap."""
     for a, b in combinations(range(len(center)), 2):
         dx, dy = center[b][0] - center[a][0], center[b][1] - center[a][1]
@@ -479,7 +481,7 @@ def _check_apart(model: ChainModel, center: Sequence[Pair], radius: Sequence[Any
             )
 
 
-def _check_wraps(model: ChainModel, wrap: Sequence[Any], pitch_angle: Sequence[float]) -> None:
+def _check_wraps(model: ChainModel, wrap: Sequence[Number], pitch_angle: Sequence[float]) -> None:
     """Raises a DriveError where a sprocket's wrap is none, or over a turn less a pitch."""
     for s, sprocket in enumerate(model.sprockets):
         if sprocket.is_end:
@@ -495,7 +497,7 @@ def _check_wraps(model: ChainModel, wrap: Sequence[Any], pitch_angle: Sequence[f
             )
 
 
-def _check_clear(plan: PathPlan, start: Sequence[Pair], length: Sequence[Any], free: Sequence[int]) -> None:
+def _check_clear(plan: PathPlan, start: Sequence[Pair], length: Sequence[Number], free: Sequence[int]) -> None:
     """Raises a DriveError where a strand of those in `free` passes through another sprocket."""
     model, count = plan.model, len(plan.lines)
     for k, s in product(free, range(count)):

@@ -18,7 +18,7 @@ from copy import copy
 from dataclasses import dataclass
 from functools import reduce
 from operator import and_
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,6 +28,8 @@ from warpchain.assembly.path import ChainPath
 from warpchain.assembly.taut_string import TautError, TautString, point_end, taut_string
 from warpchain.drive.face_profile import unit_vector
 from warpchain.drive.stack_math import (
+    Condition,
+    Number,
     UnlikeVariants,
     ceil,
     columns_of_table,
@@ -61,9 +63,6 @@ _CLOSED, _CLOSEST = 1e-10, 2e-14  # of a pitch
 _LAID = 1e-13  # of a pitch
 
 Places = NDArray[np.int64]
-
-Number = Any
-"""A number, or an array (V,) of those of a stack's variants."""
 
 
 @dataclass
@@ -135,7 +134,7 @@ def seat_chain(model: ChainModel, path: ChainPath, loop: Loop | None = None, nea
         part.solve_closure(mine, near)
         if part is not loop:
             loop.keep_laid_links(todo, part)
-        changed: Any = turn < _ROUNDS and part.adjust_seats(mine)
+        changed: Condition = turn < _ROUNDS and part.adjust_seats(mine)
         if mine is not seating:
             seating.set_variants(todo, mine)
         if not is_true_somewhere(changed):
@@ -208,7 +207,9 @@ class Loop:
             part.links, part.reach = self.links[chosen], self.reach[chosen]
         return part
 
-    def chosen_loops(self, chosen: Any, seating: Seating, lengths: list[Number]) -> tuple[Loop, Seating, list[Number]]:
+    def chosen_loops(
+        self, chosen: Condition, seating: Seating, lengths: list[Number]
+    ) -> tuple[Loop, Seating, list[Number]]:
         """Loops, seatings and strand lengths of chosen variants."""
         if not has_arrays(chosen) or chosen.all():
             return self, seating, lengths
@@ -240,12 +241,12 @@ class Loop:
         )
         (strain,) = columns_of_table(np.asarray(path.nominal_strain)[:, None])
         link = self.pitch * (1.0 + strain)
-        position: Any = 0.0 - (0.0 if model.run.phase is None or self.open else model.run.phase)
+        position: Number = 0.0 - (0.0 if model.run.phase is None or self.open else model.run.phase)
         if self.variants > 1:
             position = np.broadcast_to(position, self.variants)
         begin = ceil(position - 0.5 - _TIE)
         angles, seats, links = ([0.0] * self.size for _ in range(3))
-        previous: Any = 0
+        previous: Number = 0
         for turn in range(self.size):
             s = (self.driver + turn) % self.size
             first = ceil(position - 0.5 - _TIE)
@@ -275,7 +276,7 @@ class Loop:
         angles[self.driver] = counted.first_angle[self.driver]
         return Seating(angles, seats, links, where(alike, solved.strain, counted.strain))
 
-    def _check_counts(self, seats: Sequence[Any], links: Sequence[Any], path: ChainPath) -> None:
+    def _check_counts(self, seats: Sequence[Number], links: Sequence[Number], path: ChainPath) -> None:
         """Raises a DriveError where a sprocket lacks teeth for its seats, or a strand links."""
         for s, name in enumerate(self.names):
             if is_true_somewhere(seats[s] > self.teeth[s]):
@@ -468,7 +469,7 @@ class Loop:
             jacobian[:, -1, -1], residual[-1] = 1.0, 0.0 * residual[-1]
         return residual, jacobian
 
-    def adjust_seats(self, seating: Seating) -> Any:
+    def adjust_seats(self, seating: Seating) -> Condition:
         """Adds and gives back seats at strands' ends; returns where any changed."""
         link = self.pitch * (1.0 + maximum(seating.strain, 0.0))
         changed = link != link  # False, or an array of it

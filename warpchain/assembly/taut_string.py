@@ -14,10 +14,11 @@ import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
-from typing import Any
 
 from warpchain.drive.face_profile import Piece, Point, Profile, unit_vector, wrapped_angle
 from warpchain.drive.stack_math import (
+    Condition,
+    Number,
     arctan2,
     cos,
     index_of_maximum,
@@ -75,7 +76,7 @@ class Arc:
     before: float | None = None
     after: float | None = None
 
-    def nearest_heading(self, heading: Any) -> Any:
+    def nearest_heading(self, heading: Number) -> Number:
         """Heading of an arc's tangent nearest to a given one [rad]."""
         if self.guide < 0:
             return heading
@@ -83,13 +84,13 @@ class Arc:
         half = 0.5 * abs(self.end - self.begin)
         return middle + maximum(-half, minimum(half, wrapped_angle(heading - middle)))
 
-    def at(self, heading: Any) -> tuple[Any, Any]:
+    def at(self, heading: Number) -> tuple[Number, Number]:
         """Point at which an arc's tangent has a heading [m]."""
         x, y = unit_vector(heading)
         reach = self.sign * self.radius
         return self.center[0] + reach * y, self.center[1] - reach * x
 
-    def is_past(self, heading: Any, last: bool) -> Any:
+    def is_past(self, heading: Number, last: bool) -> Condition:
         """Whether a tangent's heading lies beyond an arc's end, or before its begin unless `last`."""
         if self.guide < 0:
             return False
@@ -197,13 +198,13 @@ def obstacle_arcs(profile: Profile, offset: float, guide: int, along: bool) -> t
 
 
 def runs_under_links(
-    runs: Sequence[tuple[Arc, ...]], touches: Iterable[GuideTouch], pitch: Any
+    runs: Sequence[tuple[Arc, ...]], touches: Iterable[GuideTouch], pitch: Number
 ) -> tuple[tuple[Arc, ...], ...]:
     """Runs of arcs, raised until links of a pitch clear in their middles the arcs that a string touches.
 
     Over an arc of radius R that turns the string by b it is R (1 - cos(b/2)) + (p - R b) sin(b/2) / 2, b at most p / R.
     """
-    raised: dict[int, Any] = {}
+    raised: dict[int, Number] = {}
     for touch in touches:
         radius, guide = touch.arc.radius, touch.arc.guide
         half = 0.5 * minimum(touch.wrap, pitch / radius)
@@ -245,23 +246,23 @@ def taut_string(first: Arc, last: Arc, obstacles: Sequence[tuple[Arc, ...]], lik
     raise TautError(next((arc.guide for arc in chosen[1:-1]), -1), "no taut string was found around it")
 
 
-def point_end(place: Sequence[Any]) -> Arc:
+def point_end(place: Sequence[Number]) -> Arc:
     """End of a taut string at a point [m]."""
     return Arc((place[0], place[1]), 0.0)
 
 
-def circle_end(center: Sequence[Any], radius: Any, sign: float) -> Arc:
+def circle_end(center: Sequence[Number], radius: Number, sign: float) -> Arc:
     """End of a taut string on a sprocket, turning with a sign."""
     return Arc((center[0], center[1]), radius, sign)
 
 
 # --------------------------------------------------------------------------------------------------------- details
 
-_Tangent = tuple[Any, Any, Any, bool]  # heading where it leaves, where it arrives, length, along a joint
+_Tangent = tuple[Number, Number, Number, bool]  # heading where it leaves, where it arrives, length, along a joint
 _Where = dict[int, tuple[tuple[Arc, ...], int]]
 
 
-def _chord_ratio(bend: Any) -> Any:
+def _chord_ratio(bend: Number) -> Number:
     """Length of chords over arcs that bend by 2 asin(b) under each."""
     bends = (bend > 0.0) & (bend < 1.0)
     if not is_true_somewhere(bends):
@@ -323,8 +324,8 @@ def _arc_beyond(touches: list[GuideTouch], chosen: list[Arc], known: _Where) -> 
 
 def _deepest_cut_arc(chosen: list[Arc], tangents: list[_Tangent], runs: list[Arc]) -> tuple[int, Arc] | None:
     """Arc, and its place, that a string's tangent cuts deepest, or None."""
-    worst: Any = _CUT
-    found: Any = -1
+    worst: Number = _CUT
+    found: Number = -1
     taken = {id(arc) for arc in chosen}
     places: list[tuple[int, Arc]] = []
     for k, (heading, _, length, joint) in enumerate(tangents):

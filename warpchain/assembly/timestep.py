@@ -5,14 +5,13 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 
 from warpchain.drive import Drive
 from warpchain.drive.body_ties import body_names, part_of_body
 from warpchain.drive.sprocket import Sprocket
-from warpchain.drive.stack_math import is_true_somewhere, maximum, power, sqrt
+from warpchain.drive.stack_math import Number, is_true_somewhere, maximum, power, sqrt
 from warpchain.errors import DriveError
 from warpchain.model import ChainModel, Model, chains_of
 from warpchain.model.mounts import is_on_springs, mount_spring, moving_mass
@@ -43,7 +42,7 @@ class MovingBody:
     rate: float
 
 
-def rocking_teeth(sprocket: Sprocket) -> Any:
+def rocking_teeth(sprocket: Sprocket) -> Number:
     """Number of tooth contacts that stretch where a sprocket rocks."""
     return maximum(sprocket.teeth - 1, 1)
 

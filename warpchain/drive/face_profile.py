@@ -17,9 +17,9 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
-from warpchain.drive.stack_math import has_arrays, quick_cos, quick_sin, where
+from warpchain.drive.stack_math import Number, has_arrays, quick_cos, quick_sin, where
 
 if TYPE_CHECKING:
     import numpy as np
@@ -47,7 +47,7 @@ class ProfileError(ValueError):
         self.index = index
 
 
-def wrapped_angle(angle: Any) -> Any:
+def wrapped_angle(angle: Number) -> Number:
     """Angle between -pi and pi, or a stack's angles [rad]."""
     if not has_arrays(angle):
         return math.remainder(angle, 2.0 * math.pi)
@@ -56,14 +56,14 @@ def wrapped_angle(angle: Any) -> Any:
     return angle - 2.0 * math.pi * np.rint(angle / (2.0 * math.pi))
 
 
-def unit_vector(heading: Any) -> tuple[Any, Any]:
+def unit_vector(heading: Number) -> tuple[Number, Number]:
     """Unit vector of a heading, or of a stack's headings."""
     if type(heading) is float:
         return math.cos(heading), math.sin(heading)
     return quick_cos(heading), quick_sin(heading)
 
 
-def _sinc(angle: Any) -> Any:
+def _sinc(angle: Number) -> Number:
     """sin(x) / x of an angle; 1 at 0."""
     if not has_arrays(angle):
         return math.sin(angle) / angle if angle else 1.0

@@ -30,7 +30,7 @@ from warpchain.drive.schema import (
     plain_sequence,
 )
 from warpchain.drive.sprocket import MOST_TEETH, ON_COUPLINGS, Load, Prescribed
-from warpchain.drive.stack_math import maximum, minimum
+from warpchain.drive.stack_math import Number, maximum, minimum
 
 Names = Annotated[
     tuple[Name, Name],
@@ -72,7 +72,7 @@ class Governor(Part):
         1.0
     )
 
-    def factor(self, speed: Any) -> Any:
+    def factor(self, speed: Number) -> Number:
         """Governor's factor of a motor's moment at a forward speed."""
         return minimum(maximum(1.0 + (self.speed - speed) / self.band, 0.0), self.most)
 
@@ -94,11 +94,11 @@ class Motor(Part):
     governor: Governor | None = None
     ramp_time: NonNegative = 0.0
 
-    def at(self, speed: Any) -> Any:
+    def at(self, speed: Number) -> Number:
         """Mean moment of the motor at a forward speed [N m]."""
         import numpy as np
 
-        torque: Any = self.torque
+        torque: Number = self.torque
         if self.table is not None and self.table.speed is not None:
             torque = np.interp(speed, self.table.over, self.table.values)
         elif self.table is not None:
@@ -110,7 +110,7 @@ class Motor(Part):
             torque = np.minimum(torque, self.power / np.maximum(speed, 1e-9))
         return torque
 
-    def bounds(self, speed: Any) -> tuple[Any, Any]:
+    def bounds(self, speed: Number) -> tuple[Number, Number]:
         """Least and largest moment of the motor at a speed [N m]."""
         if self.table is None or self.table.speed is not None:
             return self.at(speed), self.at(speed)
@@ -118,9 +118,9 @@ class Motor(Part):
         return factor * min(self.table.values), factor * max(self.table.values)
 
     @property
-    def largest_moment(self) -> Any:
+    def largest_moment(self) -> Number:
         """Largest magnitude of the motor's moment [N m]."""
-        given: Any = self.torque if self.table is None else max(map(abs, self.table.values))
+        given: Number = self.torque if self.table is None else max(map(abs, self.table.values))
         return given if self.governor is None else self.governor.most * given
 
     @property

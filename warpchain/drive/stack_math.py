@@ -17,6 +17,13 @@ _PAIRWISE_COUNT = 8
 _NUMBER_TYPES = frozenset((float, int, bool))
 
 
+Number = Any
+"""A number, or an array (V,) of one of each variant of a stack."""
+
+Condition = Any
+"""Whether something holds: true or false, or an array (V,) of that of each variant of a stack."""
+
+
 class UnlikeVariants(Exception):
     """Raised where variants of a stack take different branches.
 
@@ -37,7 +44,7 @@ class UnlikeVariants(Exception):
         return UnlikeVariants(way)
 
 
-def shared_value(value: Any) -> Any:
+def shared_value(value: Number) -> Number:
     """Value that all variants of a stack share.
 
     Raises:
@@ -50,7 +57,7 @@ def shared_value(value: Any) -> Any:
     return value[0].item()
 
 
-def has_arrays(*values: Any) -> bool:
+def has_arrays(*values: Number) -> bool:
     """Whether any value is an array."""
     for value in values:  # noqa: SIM110  a loop takes half the time of any()
         if type(value) not in _NUMBER_TYPES and getattr(value, "ndim", None):
@@ -87,7 +94,7 @@ arcsin = elementwise(math.asin)
 def _numpy_function(name: str) -> Callable[..., Any]:
     """A numpy function for numbers and arrays, rounding alike."""
 
-    def apply(*values: Any) -> Any:
+    def apply(*values: Number) -> Number:
         """The numpy function of numbers or arrays."""
         import numpy as np
 
@@ -104,7 +111,7 @@ quick_arcsin = _numpy_function("arcsin")
 rint = _numpy_function("rint")
 
 
-def cos_sin(angle: Any) -> tuple[Any, Any]:
+def cos_sin(angle: Number) -> tuple[Number, Number]:
     """Cosine and sine of a number or an array."""
     return cos(angle), sin(angle)
 
@@ -112,7 +119,7 @@ def cos_sin(angle: Any) -> tuple[Any, Any]:
 def _python_or_numpy_function(function: Callable[..., float], name: str) -> Callable[..., Any]:
     """Python's function for numbers, numpy's of a name for arrays."""
 
-    def apply(*values: Any) -> Any:
+    def apply(*values: Number) -> Number:
         """Python's function of numbers, or numpy's of arrays."""
         if not has_arrays(*values):
             return function(*values)
@@ -129,12 +136,12 @@ quick_sin = _python_or_numpy_function(math.sin, "sin")
 quick_cos = _python_or_numpy_function(math.cos, "cos")
 
 
-def quick_hypot(x: Any, y: Any) -> Any:
+def quick_hypot(x: Number, y: Number) -> Number:
     """sqrt(x^2 + y^2) of numbers or arrays, overflow aside."""
     return sqrt(x * x + y * y)
 
 
-def floor(value: Any) -> Any:
+def floor(value: Number) -> Number:
     """Largest whole numbers not above numbers or arrays."""
     if not has_arrays(value):
         return math.floor(value)
@@ -143,12 +150,12 @@ def floor(value: Any) -> Any:
     return np.floor(value).astype(np.int64)
 
 
-def ceil(value: Any) -> Any:
+def ceil(value: Number) -> Number:
     """Smallest whole numbers not below numbers or arrays."""
     return -floor(-value)
 
 
-def where(condition: Any, yes: Any, no: Any) -> Any:
+def where(condition: Condition, yes: Number, no: Number) -> Number:
     """One value where a condition holds, else the other, elementwise."""
     if not has_arrays(condition):
         return yes if condition else no
@@ -157,17 +164,17 @@ def where(condition: Any, yes: Any, no: Any) -> Any:
     return np.where(condition, yes, no)
 
 
-def pairwise_sum(values: Sequence[Any]) -> Any:
+def pairwise_sum(values: Sequence[Number]) -> Number:
     """Sum of numbers or arrays as numpy adds, pairwise."""
     return reduce(add, values) if len(values) < _PAIRWISE_COUNT else array_of_columns(values).sum(axis=-1)
 
 
-def ordered_sum(values: Iterable[Any]) -> Any:
+def ordered_sum(values: Iterable[Number]) -> Number:
     """Sum of numbers or arrays from first to last."""
     return reduce(add, values, 0.0)
 
 
-def maximum(*values: Any) -> Any:
+def maximum(*values: Number) -> Number:
     """Largest of numbers, or of arrays elementwise."""
     if not has_arrays(*values):
         return max(values)
@@ -176,7 +183,7 @@ def maximum(*values: Any) -> Any:
     return reduce(np.maximum, values)
 
 
-def minimum(*values: Any) -> Any:
+def minimum(*values: Number) -> Number:
     """Smallest of numbers, or of arrays elementwise."""
     if not has_arrays(*values):
         return min(values)
@@ -185,24 +192,24 @@ def minimum(*values: Any) -> Any:
     return reduce(np.minimum, values)
 
 
-def index_of_maximum(values: Sequence[Any]) -> Any:
+def index_of_maximum(values: Sequence[Number]) -> Number:
     """Index of the first largest number, of arrays elementwise."""
     if not has_arrays(*values):
         return max(range(len(values)), key=values.__getitem__)
     return array_of_columns(values).argmax(axis=-1)
 
 
-def is_true_somewhere(condition: Any) -> bool:
+def is_true_somewhere(condition: Condition) -> bool:
     """Whether a condition holds, of arrays anywhere."""
     return bool(condition.any() if has_arrays(condition) else condition)
 
 
-def is_true_everywhere(condition: Any) -> bool:
+def is_true_everywhere(condition: Condition) -> bool:
     """Whether a condition holds, of arrays everywhere."""
     return bool(condition.all() if has_arrays(condition) else condition)
 
 
-def array_of_columns(values: Sequence[Any]) -> NDArray[np.float64]:
+def array_of_columns(values: Sequence[Number]) -> NDArray[np.float64]:
     """Numbers or arrays (...) as one array (..., len(values))."""
     import numpy as np
 
@@ -230,6 +237,6 @@ def pick_places(value: Any, places: Any) -> Any:
     return value[places] if has_arrays(value) else value
 
 
-def with_last_axis(value: Any) -> Any:
+def with_last_axis(value: Number) -> Number:
     """An array (...) as (..., 1); a number stays."""
     return value[..., None] if has_arrays(value) else value

@@ -16,6 +16,7 @@ from warpchain.drive.body_ties import body_names
 from warpchain.drive.face_profile import Profile
 from warpchain.drive.motion_table import PlaceTable
 from warpchain.drive.stack_math import (
+    Number,
     array_of_columns,
     elementwise,
     maximum,
@@ -109,7 +110,7 @@ def arm_effective_mass(model: ChainModel, a: int) -> float:
     return 1.0 / (1.0 / model.chain.mass + square / model.arm_inertia(a))
 
 
-def squared_levers(model: ChainModel, a: int, rollers: Sequence[Any]) -> Any:
+def squared_levers(model: ChainModel, a: int, rollers: Sequence[Any]) -> Number:
     """Squared levers n r^2 + sum z d^2 [m^2] of an arm's rollers."""
     on_faces = sum(model.profile(g).face_length / model.chain.pitch + 2.0 for g in model.guides_of(a))
     square = on_faces * power(model.arm_lever(a), 2)
@@ -208,7 +209,7 @@ def fill_tensioner_element(row: Any, model: ChainModel, tensioner: Tensioner) ->
         _fill_oil_fields(row, tensioner)
 
 
-def _expansion_pressure(pressure: Any, oil: Any) -> Any:
+def _expansion_pressure(pressure: Number, oil: Any) -> Number:
     """Expansion pressure [Pa] of oil, (10a) of `physics.tensioner`."""
     share, ratio = 1.0 / (1.0 + oil.air), pressure / oil.ambient
     q, b = share * pressure / oil.bulk_modulus, share * oil.air * power(ratio, -5.0 / 7.0)
@@ -221,7 +222,7 @@ def _expansion_pressure(pressure: Any, oil: Any) -> Any:
     return pressure * (total + elementwise(math.exp)(b - q))
 
 
-def oil_energies(oil: Any) -> tuple[Any, Any]:
+def oil_energies(oil: Any) -> tuple[Number, Number]:
     """Oil's energies [Pa] at rest and supplied, for `structs.Tensioner`."""
     still = _expansion_pressure(oil.ambient, oil)
     return still, _expansion_pressure(oil.supply, oil) - still

@@ -8,13 +8,11 @@ train, 1 / M of a center on springs, r^2 / I of an arm.
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 from numpy.typing import NDArray
 
 from warpchain.assembly import Assembly
-from warpchain.drive.stack_math import power
+from warpchain.drive.stack_math import Number, power
 from warpchain.engine.body_struct_rows import squared_levers
 from warpchain.engine.packed_ensemble import PackedEnsemble
 from warpchain.kernels.physics.toe import LINK_ANSWER
@@ -55,7 +53,7 @@ def sum_mobility_over_chains(packed: PackedEnsemble, owners: NDArray[np.int64], 
     laws["answer"][places] = packed.chains["mass"][owners] * total
 
 
-def _turning_mobility(model: ChainModel, s: int) -> Any:
+def _turning_mobility(model: ChainModel, s: int) -> Number:
     """Turning mobility (R + b)^2 / J of a sprocket [1/kg], or 0."""
     if not is_free_body(model, s):
         return 0.0

@@ -19,7 +19,7 @@ from warpchain.drive.run_settings import Probe, RunSettings
 from warpchain.drive.shafts import Coupling, Gear, Shaft
 from warpchain.drive.sprocket import ArmMount, Sprocket, strand_names
 from warpchain.drive.sprocket_teeth import END_RADIUS, is_catching, pitch_radius, sprocket_tooth, tooth_pitch
-from warpchain.drive.stack_math import arcsin, hypot, maximum, power, sqrt, where
+from warpchain.drive.stack_math import Number, arcsin, hypot, maximum, power, sqrt, where
 from warpchain.drive.stiffness import contact_stiffness
 from warpchain.drive.tensioners import Tensioner
 from warpchain.drive.tooth_shape import Tooth
@@ -88,13 +88,13 @@ class ChainModel:
         return driving_sprocket(self)
 
     @property
-    def driver_speed(self) -> Any:
+    def driver_speed(self) -> Number:
         """Top speed of the chain's driver [rad/s]."""
         prescribed = self.sprockets[self.driver].prescribed
         return driver_top_speed(self) if prescribed is None else prescribed.top_speed
 
     @property
-    def chain_speed(self) -> Any:
+    def chain_speed(self) -> Number:
         """Speed of the chain at its driver's top speed [m/s]."""
         return abs(self.driver_speed) * self.pitch_radius(self.driver)
 

@@ -15,6 +15,7 @@ from typing import Any, NamedTuple
 from warpchain.drive import Drive
 from warpchain.drive.body_ties import DRIVING_KEYS, TiedRatios, body_names, body_ties, part_of_body, ratios_with_chains
 from warpchain.drive.sprocket import Load, Prescribed, Sprocket
+from warpchain.drive.stack_math import Number
 from warpchain.model.chain_model import ChainModel
 from warpchain.model.chain_parts import (
     CHAIN_PARTS,
@@ -33,7 +34,7 @@ class StartMotion(NamedTuple):
     """Start motion of a body, and the body's ratio to it."""
 
     motion: Prescribed
-    ratio: Any
+    ratio: Number
 
 
 class _MotionPlan:

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
 
 from warpchain.drive import Drive
 from warpchain.drive.body_ties import ratios_with_chains
+from warpchain.drive.stack_math import Number
 from warpchain.model.chain_model import ChainModel
 from warpchain.model.chain_models import chain_models
 from warpchain.model.parts_between_chains import SprocketShaft
@@ -43,7 +43,7 @@ class Model:
         return self.chains[0]
 
     @property
-    def driver_speed(self) -> Any:
+    def driver_speed(self) -> Number:
         """Top speed of the drive's driver [rad/s]."""
         driver = self.drive.driver
         prescribed = self.drive.sprockets[driver].prescribed

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from warpchain.drive.sprocket import ArmMount, ElasticMount, FixedMount, PrescribedMount, SliderMount
 from warpchain.drive.stack_math import (
+    Number,
     array_of_columns,
     cos,
     cos_sin,
@@ -31,19 +32,19 @@ def unit_direction(direction: tuple[float, float]) -> NDArray[np.float64]:
     return array_of_columns(_unit_components(direction))
 
 
-def _unit_components(direction: tuple[float, float]) -> tuple[Any, Any]:
+def _unit_components(direction: tuple[float, float]) -> tuple[Number, Number]:
     """Components of the unit vector along a mount's direction."""
     x, y = direction
     size = hypot(x, y)
     return x / size, y / size
 
 
-def rim_angle(sprocket: Sprocket) -> Any:
+def rim_angle(sprocket: Sprocket) -> Number:
     """Start angle of an end's pin on its rim [rad]."""
     return radians(0.0 if sprocket.key is None else sprocket.key)
 
 
-def initial_place(sprocket: Sprocket) -> tuple[Any, Any]:
+def initial_place(sprocket: Sprocket) -> tuple[Number, Number]:
     """Start place of a sprocket's center, or of an end's pin on a rim [m]."""
     (x, y), mount = sprocket.center, sprocket.mount
     if sprocket.rim is not None:

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import math
 from functools import lru_cache
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
-from warpchain.drive.stack_math import maximum, power
+from warpchain.drive.stack_math import Number, maximum, power
 
 if TYPE_CHECKING:
     from warpchain.drive.tensioners import Oil, Relief, Tensioner, Valve
@@ -65,7 +65,7 @@ def _jet_flow(area: float, drop: float, oil: Oil) -> float:
     return area * math.sqrt(2.0 * limit / oil.density) * drop / limit if drop > 0.0 else 0.0
 
 
-def static_pressure(tensioner: Tensioner) -> Any:
+def static_pressure(tensioner: Tensioner) -> Number:
     """Absolute oil pressure of a tensioner at rest [Pa]."""
     from warpchain.model.stacks import pick_variants, stack_arrays
 
@@ -114,7 +114,7 @@ def filling_time(tensioner: Tensioner) -> float:
     return chamber.drained * chamber.volume / flow if flow > 0.0 else math.inf
 
 
-def static_force(tensioner: Tensioner, x: float = 0.0) -> Any:
+def static_force(tensioner: Tensioner, x: float = 0.0) -> Number:
     """Force of a tensioner at rest at an extension [N]."""
     push = tensioner.spring_preload - tensioner.spring_stiffness * x
     if tensioner.hydraulic:

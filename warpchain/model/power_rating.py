@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import math
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 from warpchain.drive.catalogue import CHAINS, SERIES_A_STRENGTH
-from warpchain.drive.stack_math import minimum, power
+from warpchain.drive.stack_math import Number, minimum, power
 
 HORSEPOWER, INCH, FOOT_A_MINUTE = 745.6998715822702, 0.0254, 0.00508
 """Imperial units [W], [m], [m/s]."""
@@ -64,11 +64,11 @@ def size_rating(size: str | None) -> SizeRating | None:
 class RatedPower(NamedTuple):
     """Rated power of plates, and of rollers and bushings [W]."""
 
-    plates: Any
-    rollers: Any
+    plates: Number
+    rollers: Number
 
     @property
-    def least(self) -> Any:
+    def least(self) -> Number:
         """Smaller of the rated powers [W]."""
         return minimum(self.plates, self.rollers)
 
@@ -78,7 +78,7 @@ class RatedPower(NamedTuple):
         return "link plates" if self.plates <= self.rollers else "rollers and bushings"
 
 
-def rated_power(size: str, teeth: int, speed: Any) -> RatedPower:
+def rated_power(size: str, teeth: int, speed: Number) -> RatedPower:
     """Rated power of a chain size [W].
 
     Args:

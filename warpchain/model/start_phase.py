@@ -8,13 +8,13 @@ from typing import Any, TypeVar
 from warpchain.drive.motion_table import Table
 from warpchain.drive.shafts import Motor, Shaft
 from warpchain.drive.sprocket import Harmonic, Load, Prescribed, Sprocket
-from warpchain.drive.stack_math import is_true_somewhere
+from warpchain.drive.stack_math import Number, is_true_somewhere
 from warpchain.model.trains import turns_per_roller
 
 TurningMotion = TypeVar("TurningMotion", Prescribed, Load, Motor)
 
 
-def start_phase_angle(model: Any, name: str) -> Any:
+def start_phase_angle(model: Any, name: str) -> Number:
     """Forward start angle of a named sprocket or shaft by `run.phase` [rad]."""
     phase = model.run.phase
     if phase is None or not is_true_somewhere(phase):
@@ -32,7 +32,7 @@ def motion_from_start_phase(model: Any, turned: Sprocket | Shaft, motion: Turnin
     if phase is None or not is_true_somewhere(phase):
         return motion
 
-    def angle(part: Harmonic | Table) -> Any:
+    def angle(part: Harmonic | Table) -> Number:
         """Start angle that counts for a harmonic or table [rad]."""
         return start_phase_angle(model, turned.name if part.shaft is None else part.shaft)
 

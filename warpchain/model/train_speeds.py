@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from warpchain.drive.body_ties import driving_body, driving_sprocket, nearest_sprocket, part_of_body
-from warpchain.drive.stack_math import has_arrays, maximum, minimum, power, where
+from warpchain.drive.stack_math import Number, has_arrays, maximum, minimum, power, where
 from warpchain.model.parts_between_chains import SprocketShaft
 from warpchain.model.trains import body_speed_ratio, free_body_loads, inertia_of_body, is_free_body, train_of_body
 
@@ -28,22 +28,22 @@ class LumpedDrive:
         motors, loads: with speed ratios.
     """
 
-    start: Any
-    inertia: Any
-    motors: list[tuple[float, Any]]
-    loads: list[tuple[float, Any]]
+    start: Number
+    inertia: Number
+    motors: list[tuple[float, Number]]
+    loads: list[tuple[float, Number]]
 
-    def net_moment(self, speed: Any) -> Any:
+    def net_moment(self, speed: Number) -> Number:
         """Mean moment of a lumped drive's motors less loads' [N m]."""
         return sum(r * motor.at(r * speed) for r, motor in self.motors) - self._load_moment(speed)
 
-    def net_moment_bounds(self, speed: Any) -> tuple[Any, Any]:
+    def net_moment_bounds(self, speed: Number) -> tuple[Number, Number]:
         """Least and largest net moment of a lumped drive [N m]."""
         bounds = [[r * of for of in motor.bounds(r * speed)] for r, motor in self.motors]
         asked = self._load_moment(speed)
         return sum(low for low, _ in bounds) - asked, sum(high for _, high in bounds) - asked
 
-    def _load_moment(self, speed: Any) -> Any:
+    def _load_moment(self, speed: Number) -> Number:
         """Moment of a lumped drive's loads [N m]."""
         # 0 of as many as there are speeds, where nothing loads
         return 0.0 * speed + sum(r * load.steady_moment(r * speed) for r, load in self.loads)
@@ -65,7 +65,7 @@ def lumped_drive(model: Any) -> LumpedDrive:
     return LumpedDrive(_driver_start_speed(model, driver), inertia, motors, loads)
 
 
-def _driver_start_speed(model: Any, driver: int) -> Any:
+def _driver_start_speed(model: Any, driver: int) -> Number:
     """Start speed of the driving sprocket, by ties [rad/s]."""
     models = driving_body(model)
     around = [models, *train_of_body(model, models).bodies, *train_of_body(model, driver).bodies]
@@ -78,7 +78,7 @@ def _driver_start_speed(model: Any, driver: int) -> Any:
     return 0.0
 
 
-def driver_top_speed(model: Any) -> Any:
+def driver_top_speed(model: Any) -> Number:
     """Top forward speed of the driving sprocket, () or (V,) [rad/s].
 
     With a motor where moments first balance within the run.
@@ -106,7 +106,7 @@ def driver_top_speed(model: Any) -> Any:
     return high if has_arrays(high) else float(high)
 
 
-def _balanced_speed(one: LumpedDrive, low: Any, high: Any) -> Any:
+def _balanced_speed(one: LumpedDrive, low: Number, high: Number) -> Number:
     """Speed at which moments balance, else the higher [rad/s]."""
     for _ in range(BALANCE_HALVINGS):
         middle = 0.5 * (low + high)
@@ -115,7 +115,7 @@ def _balanced_speed(one: LumpedDrive, low: Any, high: Any) -> Any:
     return high
 
 
-def _speed_within_time(one: LumpedDrive, low: Any, high: Any, duration: Any) -> Any:
+def _speed_within_time(one: LumpedDrive, low: Number, high: Number, duration: Number) -> Number:
     """Speed reached within a time, motors' ramps at half [rad/s]."""
     import numpy as np
 
@@ -141,7 +141,7 @@ def _values_at_rows(rows: Any, at: Any) -> Any:
     return rows[at] if rows.ndim == 1 else rows[at, np.arange(rows.shape[1])]
 
 
-def speed_steps(low: Any, high: Any) -> Any:
+def speed_steps(low: Number, high: Number) -> Number:
     """Speeds in equal steps (SPEED_STEPS + 1, ...)."""
     import numpy as np
 

@@ -19,6 +19,7 @@ from warpchain.drive.body_ties import (
     rigid_ratios,
 )
 from warpchain.drive.sprocket import Load
+from warpchain.drive.stack_math import Number
 from warpchain.model.mounts import wheel_inertia
 from warpchain.model.parts_between_chains import LedSprocket
 
@@ -47,19 +48,19 @@ def train_of_body(drive: Any, b: int) -> Train:
     return Train(bodies, tuple(float(tied.ratio[other] / tied.ratio[b]) for other in bodies))
 
 
-def inertia_of_body(drive: Any, b: int) -> Any:
+def inertia_of_body(drive: Any, b: int) -> Number:
     """Inertia of body b alone [kg m^2]."""
     part = part_of_body(drive, b)
     inertia = 0.0 if part.inertia is None else part.inertia
     return inertia + wheel_inertia(part) if b < len(drive.sprockets) else inertia
 
 
-def inertia_behind_body(drive: Any, b: int) -> Any:
+def inertia_behind_body(drive: Any, b: int) -> Number:
     """Inertia of body b with chains that it turns [kg m^2]."""
     return inertia_of_body(drive, b) + getattr(part_of_body(drive, b), "driven_inertia", 0.0)
 
 
-def train_inertia(drive: Any, b: int) -> Any:
+def train_inertia(drive: Any, b: int) -> Number:
     """Inertia of body b's train at body b [kg m^2]."""
     train = train_of_body(drive, b)
     parts = [r * r * inertia_of_body(drive, other) for other, r in zip(*train, strict=True)]
@@ -143,7 +144,7 @@ def coupled_bodies(drive: Any, coupling: Any) -> tuple[int, int]:
     return -1 if coupling.is_grounded else names.index(coupling.between[0]), names.index(coupling.between[1])
 
 
-def coupling_rest_angle(drive: Any, c: int, ratio: Any, laid: Any) -> tuple[int, int, Any]:
+def coupling_rest_angle(drive: Any, c: int, ratio: Number, laid: Number) -> tuple[int, int, Number]:
     """Bodies of coupling c, -1 the ground, and its relaxed angle [rad].
 
     Args:
