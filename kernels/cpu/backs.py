@@ -6,20 +6,21 @@ from functools import cache
 import warp as wp
 
 from ..native import row_access
-from ..physics.back import back_contact, back_guide, crown_gap, crown_over_bar, crown_over_piece, wheelward_normal
+from ..physics.back import back_contact, back_guide, crown_gap, wheelward_normal
 from ..physics.contact import AWAY, UNTOUCHED, rotated_vector
-from ..physics.guide import frame_vector, tracked_piece
+from ..physics.guide import frame_vector
 from ..physics.toe import point_mobility
 from ..structs import GROUND, Drive, Piece, Pose, types
+from .back_facings import back_facing_functions
 from .contact_rows import contact_row_functions
 from .guides import guide_functions
 from .link_forces import link_force_functions
 from .link_motions import link_motion_functions
 from .link_runs import LinkRun, link_run_functions
 from .near_rollers import near_roller_functions
-from .neighbor_list import Group, lowest_bit, neighbor_list_functions, single_bit, without_lowest_bit
+from .neighbor_list import Group, neighbor_list_functions
 from .partners import partner_functions
-from .rollers import roller_functions, rows
+from .rollers import rows
 
 
 @dataclass(frozen=True)
@@ -42,48 +43,9 @@ def back_functions(Real: type, capacity: int) -> BackFunctions:
     link_runs = link_run_functions(Real, capacity)
     motions = link_motion_functions(Real, capacity)
     link_forces = link_force_functions(Real, capacity, False)
-    rollers = roller_functions(Real, capacity)
-    access, seat_access = row_access(Real), row_access(wp.int32)
+    facings = back_facing_functions(Real, capacity)
+    access = row_access(Real)
     row = rows(capacity)
-
-    @wp.func
-    def exact_vector(v: vec2):
-        """A vector in float64."""
-        return wp.vec2d(wp.float64(v[0]), wp.float64(v[1]))
-
-    @wp.func
-    def find_facing(
-        w: wp.array[Real],
-        i: int,
-        run: LinkRun,
-        side: Real,
-        guide: kinds.Guide,
-        body: Pose,
-        pieces: wp.array[Piece],
-        memory: Memory,
-    ):
-        """Tracks the piece of a guide under the crown of link `i`; returns whether there is one.
-
-        Its height, normal and curvature there stay in its contact's rows of penetration, normal and mobility.
-        """
-        u = vec2(access.load(w, row.link_ux + i + 1), access.load(w, row.link_uy + i + 1))
-        across = wheelward_normal(u, side)
-        half = Real(0.5) * access.load(w, row.link_length + i + 1)
-        top = rollers.exact_position(w, i) + exact_vector(half * u - guide.roller_radius * across)
-        if guide.pieces == 0:
-            height, facing, curvature, is_over = crown_over_bar(top - guide.start, across, guide)
-        else:
-            q = frame_vector(top - body.center, body)
-            center = q + wp.float64(guide.back_radius) * frame_vector(exact_vector(across), body)
-            number = tracked_piece(center, seat_access.load(memory.seat, memory.first + i), guide, pieces)
-            seat_access.store(memory.seat, memory.first + i, number)
-            height, facing, curvature, is_over = crown_over_piece(q, center, u, number, guide, pieces)
-        contacts, c = access.shifted_rows(w, run.rows), i - run.low
-        access.store(contacts, row.penetration + c, height)
-        access.store(contacts, row.normal_x + c, facing[0])
-        access.store(contacts, row.normal_y + c, facing[1])
-        access.store(contacts, row.point_mobility + c, curvature)
-        return is_over
 
     @wp.func(inline=True)
     def store_back_contacts(
@@ -111,7 +73,7 @@ def back_functions(Real: type, capacity: int) -> BackFunctions:
             )
             turned = across
             if not is_bar:
-                exact = frame_vector(exact_vector(across), body)
+                exact = frame_vector(wp.vec2d(wp.float64(across[0]), wp.float64(across[1])), body)
                 turned = vec2(Real(exact[0]), Real(exact[1]))
             penetration, normal = crown_gap(height, facing, turned, curvature, guide.back_radius)
             if not is_bar:
@@ -139,13 +101,7 @@ def back_functions(Real: type, capacity: int) -> BackFunctions:
         """Stores the contacts of the backs after a group's pins with a guide."""
         link_runs.recall_contacts(w, run, 1, memory)
         guide, body = back_guide(partner.guide), partner.pose
-        over = wp.uint64(0)
-        bits = group.near
-        while bits != wp.uint64(0):
-            i = group.first + lowest_bit(bits)
-            if find_facing(w, i, run, side, guide, body, pieces, memory):
-                over = over | single_bit(i - run.low)
-            bits = without_lowest_bit(bits)
+        over = facings.find_facings(w, run, group, side, guide, body, pieces, memory)
         if guide.pieces == 0:
             store_back_contacts(w, run, over, side, guide, body, True, memory)
         else:

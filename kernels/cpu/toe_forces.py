@@ -89,15 +89,15 @@ def toe_force_functions(Real: type, capacity: int) -> ToeForceFunctions:
     @wp.func
     def find_normal_forces(w: wp.array[Real], group: Group, law: kinds.ContactLaw, memory: Memory):
         """Stores the normal forces of a group's contacts."""
-        changing, high = int(0), group.high
+        changing = int(0)
         i = group.low
         if law.exponent == Real(1.0) and law.most_damping == Real(0.0):
             law.exponent = Real(1.0)  # so that the compiler knows
             law.most_damping = Real(0.0)
-            while i < high:
+            while i < group.high:
                 changing = changing | find_steady_force(w, i, law, memory)
                 i = i + 1
-        while i < high:
+        while i < group.high:
             changing = changing | find_steady_force(w, i, law, memory)
             i = i + 1
         first = wp.where(changing != 0, group.low, group.high)
@@ -127,14 +127,14 @@ def toe_force_functions(Real: type, capacity: int) -> ToeForceFunctions:
 
         Accelerations are by contacts as in the step before: `join_forces` has the rest.
         """
-        began, high = int(0), group.high
+        began = int(0)
         i = group.low
         if law.exponent == Real(1.0):
             law.exponent = Real(1.0)  # so that the compiler knows
-            while i < high:
+            while i < group.high:
                 began = began | store_powers(w, i, law, rubs, memory)
                 i = i + 1
-        while i < high:
+        while i < group.high:
             began = began | store_powers(w, i, law, rubs, memory)
             i = i + 1
         return began

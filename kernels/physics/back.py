@@ -22,9 +22,9 @@ from typing import Any
 import warp as wp
 
 from ..native import larger, load_constant, multiply_add, products, root
-from ..number import leading_value
-from .contact import AWAY, rotated_vector
-from .guide import line_coordinates, piece_coordinates, piece_height, piece_step
+from ..number import difference, leading_value
+from .contact import AWAY, rotated_components, rotated_vector
+from .guide import line_coordinates, piece_height, step_from_piece
 
 ROW_MARGIN = 0.05
 """Length over R_c, above a pitch, by which a guide's row of backs is wider than it, so that pins of links are near."""
@@ -48,9 +48,16 @@ def back_guide(guide: Any):
 
 
 @wp.func
+def wheelward_components(x: Any, y: Any, side: Any):
+    """Components of w of a link along the unit vector (x, y); `side` as of `structs.Plate`."""
+    return -side * y, side * x
+
+
+@wp.func
 def wheelward_normal(u: Any, side: Any):
     """w of a link along unit vector u; `side` as of `structs.Plate`."""
-    return type(u)(-side * u[1], side * u[0])
+    x, y = wheelward_components(u[0], u[1], side)
+    return type(u)(x, y)
 
 
 @wp.func
@@ -100,18 +107,19 @@ def crown_bar_contact(p: Any, w: Any, guide: Any):
 
 
 @wp.func
-def crown_over_piece(q: Any, center: Any, w: Any, number: int, guide: Any, pieces: Any):
-    """Height [m], normal and curvature [1/m] of a guide's piece at a crown's top, and whether it is under that.
+def crown_over_piece(q: Any, center: Any, piece: Any, following: Any, guide: Any):
+    """Height [m], two of the normal and curvature [1/m] of a guide's piece at a crown's top, and whether it is there.
 
     All is in the frame of the guide's body; `q` is the crown's top and `center` its center [m].
     """
     length = guide.length
-    x, y, bend = piece_coordinates(q, guide.first_piece + number, pieces)
-    height, along, across = piece_height(type(length)(x), type(length)(y), type(length)(bend))
-    t = leading_value(load_constant(pieces, guide.first_piece + number).direction)
-    facing = rotated_vector(type(w)(type(length)(t[0]), type(length)(t[1])), along, across)
-    is_over = piece_step(center, number, guide.first_piece, pieces) == 0 and height > -guide.end_radius
-    return height, facing, type(length)(bend), is_over
+    x, y = line_coordinates(difference(q, piece.start), piece.direction)
+    bend = type(length)(piece.curvature)
+    height, along, across = piece_height(type(length)(x), type(length)(y), bend)
+    t = leading_value(piece.direction)
+    facing_x, facing_y = rotated_components(type(length)(t[0]), type(length)(t[1]), along, across)
+    is_over = step_from_piece(center, piece, following) == 0 and height > -guide.end_radius
+    return height, facing_x, facing_y, bend, is_over
 
 
 @wp.func
@@ -120,8 +128,10 @@ def crown_piece_contact(q: Any, center: Any, w: Any, number: int, guide: Any, pi
 
     All is in the frame of the guide's body; `q` is the crown's top [m].
     """
-    height, facing, curvature, is_over = crown_over_piece(q, center, w, number, guide, pieces)
-    penetration, normal = crown_gap(height, facing, w, curvature, guide.back_radius)
+    first = guide.first_piece + number
+    piece, following = load_constant(pieces, first), load_constant(pieces, first + 1)
+    height, x, y, curvature, is_over = crown_over_piece(q, center, piece, following, guide)
+    penetration, normal = crown_gap(height, type(w)(x, y), w, curvature, guide.back_radius)
     return wp.where(is_over, penetration, type(guide.length)(AWAY)), normal
 
 

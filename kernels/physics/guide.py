@@ -194,10 +194,10 @@ def is_ahead(p: PairVector, t: PairVector):
 
 
 @wp.func
-def is_past_piece(q: Any, i: int, pieces: Any):
-    """Whether a roller at `q` [m] is past the start of guide piece `i`."""
-    piece = load_constant(pieces, i)
-    return is_ahead(difference(q, piece.start), piece.direction)
+def step_from_piece(q: Any, piece: Any, following: Any):
+    """+1 where a roller at `q` is past a guide's piece, `following` the next, -1 before it, else 0."""
+    step = wp.where(is_ahead(difference(q, piece.start), piece.direction), 0, -1)
+    return wp.where(is_ahead(difference(q, following.start), following.direction), 1, step)
 
 
 @wp.func
@@ -211,8 +211,7 @@ def piece_coordinates(q: Any, i: int, pieces: Any):
 @wp.func
 def piece_step(q: Any, number: int, first: int, pieces: Any):
     """+1 where a roller at `q` is past piece `number` of a guide profile, -1 before, else 0."""
-    step = wp.where(is_past_piece(q, first + number, pieces), 0, -1)
-    return wp.where(is_past_piece(q, first + number + 1, pieces), 1, step)
+    return step_from_piece(q, load_constant(pieces, first + number), load_constant(pieces, first + number + 1))
 
 
 @wp.func
@@ -262,8 +261,7 @@ def piece_contact(q: Any, piece: Any, following: Any, guide: Any):
     length = guide.length
     u, w = line_coordinates(difference(q, piece.start), piece.direction)
     height, along, across = piece_height(type(length)(u), type(length)(w), type(length)(piece.curvature))
-    beyond = wp.where(is_ahead(difference(q, piece.start), piece.direction), 0, -1)
-    beyond = wp.where(is_ahead(difference(q, following.start), following.direction), 1, beyond)
+    beyond = step_from_piece(q, piece, following)
     penetration = guide.roller_radius - height
     if height <= -guide.end_radius or beyond != 0:
         penetration = type(length)(AWAY)
