@@ -364,7 +364,7 @@ def _bracketed_root(moment: Callable[[float], float], arm: Arm, near: float) -> 
 
 
 def _secant_root(
-    moment: Callable[[Number], Number], near: Number, slope: Number = None
+    moment: Callable[[Number], Number], near: Number, slope: Number | None = None
 ) -> tuple[Number, Number] | None:
     """Angle at which an arm's moment is 0 [rad], and its slope there [N m/rad]; None if secants fail.
 

@@ -150,7 +150,7 @@ class LayingCurve:
         """The curve in the opposite direction."""
         return LayingCurve([piece.reversed_piece() for piece in reversed(self.pieces)])
 
-    def scale(self, links: NDArray[np.float64], guess: Number = None) -> Number:
+    def scale(self, links: NDArray[np.float64], guess: Number | None = None) -> Number:
         """Factor on links (n,) or (V, n) that, laid as chords, span a curve."""
         factor, known = self.length / summed_lengths(links) if guess is None else guess, (0.0, 0.0)
         near, done = 4.0 * _EXACT * self.length * links.shape[-1] ** 0.5, False
