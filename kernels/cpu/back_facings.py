@@ -11,7 +11,7 @@ import warp as wp
 
 from ..native import LANES, load_constant, row_access
 from ..physics.back import crown_over_bar, crown_over_piece, wheelward_components
-from ..physics.guide import frame_vector, step_from_piece, tracked_piece
+from ..physics.guide import frame_vector, tracked_piece
 from ..structs import Piece, Pose, types
 from .link_runs import LinkRun
 from .neighbor_list import (
@@ -24,9 +24,6 @@ from .neighbor_list import (
     without_lowest_bit,
 )
 from .rollers import roller_functions, rows
-
-UNDER, LEFT = 1, 2
-"""In a contact's row of exceptions: the guide is under the crown; the crown has left the piece that it was over."""
 
 
 @dataclass(frozen=True)
@@ -129,14 +126,12 @@ def back_facing_functions(Real: type, capacity: int) -> BackFacingFunctions:
             q = frame_vector(crown_top(w, i, x, y, guide) - body.center, body)
             center = crown_center(q, x, y, guide, body)
             height, facing_x, facing_y, curvature, is_over = crown_over_piece(q, center, piece, following, guide)
-            has_left = step_from_piece(center, piece, following) != 0
-            state = wp.where(has_left, wp.static(Real(LEFT)), wp.where(is_over, wp.static(Real(UNDER)), Real(0.0)))
             is_its = access.load(w, row.piece + i) == Real(number)
             store_if(contacts, row.penetration + i, is_its, height)
             store_if(contacts, row.normal_x + i, is_its, facing_x)
             store_if(contacts, row.normal_y + i, is_its, facing_y)
             store_if(contacts, row.point_mobility + i, is_its, curvature)
-            store_if(contacts, row.exception + i, is_its, state)
+            store_if(contacts, row.exception + i, is_its, wp.where(is_over, Real(1.0), Real(0.0)))
             i = i + 1
 
     @wp.func
@@ -165,7 +160,7 @@ def back_facing_functions(Real: type, capacity: int) -> BackFacingFunctions:
     ):
         """Finds what of a guide is under the crowns of the links after a group's pins; returns the run's that have it.
 
-        Crowns over the same piece as before are worked out together.
+        Crowns that are still over their piece are worked out together, the others one by one.
         """
         shift, over = wp.uint64(run.low - group.first), wp.uint64(0)
         alone = group.near >> shift
@@ -179,11 +174,8 @@ def back_facing_functions(Real: type, capacity: int) -> BackFacingFunctions:
                 high = run.low + (highest_bit(left & ~others) & wp.static(-lanes)) + wp.static(lanes)
                 find_piece_facings(w, run, neighbor_list.whole_group(low, high), number, side, guide, body, pieces)
                 left = left & others
-            states = row.exception + run.rows
-            over = access.find_above(w, states, run.count, Real(0.0))
-            alone = access.find_above(w, states, run.count, wp.static(Real(UNDER)))
-            over = over & ~alone
-            alone = alone | (group.fresh >> shift)
+            over = access.find_above(w, row.exception + run.rows, run.count, Real(0.0))
+            alone = alone & ~over
         while alone != wp.uint64(0):
             k = lowest_bit(alone)
             if find_facing(w, run.low + k, run, side, guide, body, pieces, memory):

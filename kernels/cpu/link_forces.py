@@ -6,7 +6,7 @@ from functools import cache
 import warp as wp
 
 from ..native import row_access
-from ..physics.toe import ENDS
+from ..physics.toe import LINK_ENDS
 from ..structs import Totals, types
 from .contact_friction import contact_friction_functions
 from .contact_rows import contact_row_functions
@@ -35,7 +35,7 @@ def link_force_functions(Real: type, capacity: int, on_teeth: bool) -> LinkForce
     access = row_access(Real)
     row = rows(capacity)
     sizes = row.sprocket_force if on_teeth else row.guide_force
-    ends, sides = (int(ENDS) // 2, 2) if on_teeth else (1, 1)
+    ends, sides = (int(LINK_ENDS), 2) if on_teeth else (1, 1)
     link_runs = link_run_functions(Real, capacity)
     teeth = tooth_functions(Real, capacity)
     toe_forces = toe_force_functions(Real, capacity)

@@ -79,10 +79,10 @@ def link_run_functions(Real: type, capacity: int) -> LinkRunFunctions:
         return copy_pushes
 
     @wp.func
-    def link_run(drive: Drive, first: int, bits: wp.uint64, end: int, before: int):
-        """Pins from the lowest to the highest of `bits`, from `first` on; none of 0. Contacts come after `before`."""
+    def link_run(drive: Drive, first: int, bits: wp.uint64, end: int, at: int):
+        """Pins from the lowest to the highest of `bits`, from `first` on; none of 0. Contacts are from `at` on."""
         run = LinkRun()
-        run.rows = contact_rows.push_row(drive, contact_rows.link_contacts(drive)) + before
+        run.rows = contact_rows.push_row(drive, contact_rows.link_contacts(drive)) + at
         run.end = end
         run.pins = drive.rollers
         if bits != wp.uint64(0):

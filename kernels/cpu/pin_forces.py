@@ -10,7 +10,7 @@ import warp as wp
 
 from ..native import row_access
 from ..physics.contact import reaction_moment
-from ..physics.toe import ENDS, force_on_far_pin
+from ..physics.toe import LINK_ENDS, force_on_far_pin
 from ..structs import types
 from .link_runs import ENDS_APART, LinkRun
 from .neighbor_list import GROUP, lowest_bit, without_lowest_bit
@@ -134,7 +134,7 @@ def pin_force_functions(Real: type, capacity: int) -> PinForceFunctions:
 
     return PinForceFunctions(
         clear_rows=clear_rows,
-        add_to_pins=(add_function(int(ENDS) // 2), add_function(1)),
+        add_to_pins=(add_function(int(LINK_ENDS)), add_function(1)),
         join_forces=join_forces,
         keep_forces=keep_forces,
     )

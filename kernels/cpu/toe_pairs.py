@@ -5,7 +5,7 @@ from functools import cache
 
 import warp as wp
 
-from ..physics.toe import ENDS
+from ..physics.toe import ENDS, LINK_ENDS
 from ..structs import Drive, types
 from .contact_rows import contact_row_functions
 from .link_forces import link_force_functions
@@ -71,7 +71,7 @@ def toe_pair_functions(Real: type, capacity: int) -> ToePairFunctions:
         memory.angular = Real(pose.angular)
         after_bits, before_bits = toes.find_near_toes(w, group, own, partner, p, memory)
         after = link_runs.link_run(drive, group.first, after_bits, 0, 0)
-        before = link_runs.link_run(drive, group.first, before_bits, 2, after.pitch)
+        before = link_runs.link_run(drive, group.first, before_bits, LINK_ENDS, after.pitch)
         if after.count + before.count > 0:
             friction = partners.friction_of_partner(ensemble, drive, p)
             memory.damper_row = contact_rows.damper_row(p * ENDS)

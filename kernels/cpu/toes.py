@@ -12,7 +12,7 @@ import warp as wp
 from ..native import row_access, smaller
 from ..physics.contact import AWAY, memory_after_teeth, rotated_vector
 from ..physics.toe import (
-    ENDS,
+    LINK_ENDS,
     flank_reach,
     is_off_flanks,
     point_mobility,
@@ -107,7 +107,7 @@ def toe_functions(Real: type, capacity: int) -> ToeFunctions:
         after_bits = access.find_above(w, row.after_near + group.low, count, Real(0.0))
         before_bits = access.find_above(w, row.before_near + group.low, count, Real(0.0))
         after_bits = after_bits | touching_bits(w, group, 0, memory)
-        before_bits = before_bits | touching_bits(w, group, wp.static(int(ENDS) // 2), memory)
+        before_bits = before_bits | touching_bits(w, group, LINK_ENDS, memory)
         return after_bits << shift, before_bits << shift
 
     @wp.func
@@ -127,7 +127,7 @@ def toe_functions(Real: type, capacity: int) -> ToeFunctions:
             arm = links.arm_of_middle(w, i, link, sign, body)
             ends = int(access.load(w, row.exception + i))
             end = int(0)
-            while end < 2:
+            while end < LINK_ENDS:
                 if (ends >> end) & 1 != 0:
                     depth, n, z = toe_contact(xi, lateral, u, link.length, end, after, plate, sprocket)
                     c = i - run.low + end * ENDS_APART
@@ -149,7 +149,7 @@ def toe_functions(Real: type, capacity: int) -> ToeFunctions:
     ):
         """Stores contacts of a run's toes with wheel `number`, gap coordinates in their rows; `last` ends its group."""
         contacts = access.shifted_rows(w, run.rows - run.low)
-        link_runs.recall_contacts(w, run, wp.static(int(ENDS) // 2), memory)
+        link_runs.recall_contacts(w, run, LINK_ENDS, memory)
         after = run.end == 0
         at, sign = wp.where(after, 1, 0), wp.where(after, Real(1.0), Real(-1.0))
         odd, high = int(0), run.low + run.pitch
@@ -163,7 +163,7 @@ def toe_functions(Real: type, capacity: int) -> ToeFunctions:
             radial, across = direction_at_seat(link, sign, outward[0], outward[1])
             u = vec2(radial, across)
             arm = links.arm_of_middle(w, i, link, sign, body)
-            for end in range(2):
+            for end in range(LINK_ENDS):
                 c = i + end * ENDS_APART
                 depth, n, z, on_flank = seated_toe_contact(xi, lateral, u, link.length, end, after, plate, sprocket)
                 ends = ends | (wp.where(seated, 1 - on_flank, 0) << end)

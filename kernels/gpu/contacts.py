@@ -32,6 +32,7 @@ class ContactFunctions:
 
     Contact: Any
     with_kinematics: wp.Function
+    acceleration_past: wp.Function
     approach_acceleration: wp.Function
     with_memory: wp.Function
     friction_and_hold: wp.Function
@@ -82,12 +83,17 @@ def contact_functions(kind: BlockKind) -> ContactFunctions:
         return contact
 
     @wp.func
-    def approach_acceleration(shared: Shared, body: Pose, arm: vec2, j: int):
-        """Acceleration [m/s^2] of a block's body's point, `arm` from its center, less roller j's by forces so far."""
+    def acceleration_past(body: Pose, arm: vec2, acceleration: vec2):
+        """Acceleration [m/s^2] of a block's body's point, `arm` from its center, less another."""
         straight = vec2()
         if wp.static(kind.moving):
             straight = body.straight
-        return relative_acceleration(straight, body.angular, arm, rollers.acceleration(shared, j))
+        return relative_acceleration(straight, body.angular, arm, acceleration)
+
+    @wp.func
+    def approach_acceleration(shared: Shared, body: Pose, arm: vec2, j: int):
+        """Acceleration [m/s^2] of a block's body's point, `arm` from its center, less roller j's by forces so far."""
+        return acceleration_past(body, arm, rollers.acceleration(shared, j))
 
     @wp.func
     def with_memory(state: State, contact: Contact, at: int):
@@ -212,6 +218,7 @@ def contact_functions(kind: BlockKind) -> ContactFunctions:
     return ContactFunctions(
         Contact=Contact,
         with_kinematics=with_kinematics,
+        acceleration_past=acceleration_past,
         approach_acceleration=approach_acceleration,
         with_memory=with_memory,
         friction_and_hold=friction_and_hold,

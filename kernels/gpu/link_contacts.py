@@ -12,7 +12,7 @@ import warp as wp
 
 from ..native import products, reciprocal, row_access
 from ..number import leading_value
-from ..physics.contact import contact_energy, normal_force, reaction_moment, relative_acceleration, surface_velocity
+from ..physics.contact import contact_energy, normal_force, reaction_moment, surface_velocity
 from ..physics.impact import law_at_roller
 from ..physics.toe import force_on_far_pin, point_mobility
 from ..structs import Tallies
@@ -88,10 +88,7 @@ def link_contact_functions(kind: BlockKind) -> LinkContactFunctions:
             surface = leading_value(surface_velocity(body, arm))
             relative = surface - link.velocity - link.turn * vec2(-z[1], z[0])
             own = link.acceleration + link.angular * vec2(-z[1], z[0])
-            straight = vec2()
-            if wp.static(kind.moving):
-                straight = body.straight
-            more = relative_acceleration(straight, body.angular, arm, own)
+            more = contacts.acceleration_past(body, arm, own)
             mobility = point_mobility(z, normal, link.length)
             inverse_mass = chains.chain_at(shared, j).inverse_mass
             pushed = wp.where(before > Real(0.0), contact.pushed, Real(0.0))

@@ -8,12 +8,13 @@ import warp as wp
 
 from ..native import larger, load_constant, row_access, smaller
 from ..number import difference, leading_value
-from ..physics.contact import relative_acceleration, surface_velocity
-from ..physics.toe import ENDS, approach_bound, flank_reach, is_off_flanks, rotated_to_gap, toe_arcs
+from ..physics.contact import surface_velocity
+from ..physics.toe import LINK_ENDS, approach_bound, flank_reach, is_off_flanks, rotated_to_gap, toe_arcs
 from ..physics.tooth import nearest_seat, tracked_seat_from
 from .block_kinds import BlockKind
 from .block_structs import BITS, ThreadParts
 from .chains import chain_functions
+from .contacts import contact_functions
 from .rollers import roller_functions
 from .sync import value_of_lane
 from .toe_links import toe_link_functions
@@ -37,7 +38,7 @@ def toe_gap_functions(kind: BlockKind) -> ToeGapFunctions:
     Real, kinds = kind.Real, kind.types
     Ensemble, State, Shared = kinds.Ensemble, kinds.State, kinds.Shared
     vec2 = kinds.vec2
-    link_ends = int(ENDS) // 2
+    contacts = contact_functions(kind)
     chains, rollers, toe_links = chain_functions(kind), roller_functions(kind), toe_link_functions(kind)
     access, whole_access = row_access(Real), row_access(wp.int32)
 
@@ -96,16 +97,13 @@ def toe_gap_functions(kind: BlockKind) -> ToeGapFunctions:
         link = toe_links.link_of_pin(shared, j, other, arm)
         link = toe_links.with_motion(state, shared, mine, j, other, acceleration, link)
         relative = leading_value(surface_velocity(body, link.middle)) - link.velocity
-        straight = vec2()
-        if wp.static(kind.moving):
-            straight = body.straight
-        more = relative_acceleration(straight, body.angular, link.middle, link.acceleration)
+        more = contacts.acceleration_past(body, link.middle, link.acceleration)
         turn, angular = leading_value(body.speed) - link.turn, body.angular - link.angular
         lag = teeth.law.lag
         way = lag * approach_bound(relative, more, turn, angular, flank_reach(plate), lag)
         u = direction_in_gap(pin, link.u)
         tip, begin, _middle = toe_arcs(pin.xi, pin.lateral, u, link.length, after, plate)
-        at = pin.memory + wp.where(after, 0, link_ends * n)
+        at = pin.memory + wp.where(after, 0, LINK_ENDS * n)
         before = larger(access.load(state.impact_speed, at), access.load(state.impact_speed, at + n))
         is_off = is_off_flanks(tip, begin, smaller(way, teeth.law.ahead), teeth)
         return wp.where(before > Real(0.0) or not is_off, 1, 0)

@@ -12,7 +12,7 @@ import warp as wp
 from ..native import row_access
 from ..number import difference, leading_value
 from ..physics.contact import memory_after_teeth, rotated_vector
-from ..physics.toe import ENDS, seated_toe_contact, toe_contact
+from ..physics.toe import LINK_ENDS, seated_toe_contact, toe_contact
 from ..structs import Tallies
 from .block_kinds import BlockKind
 from .block_structs import BITS, ThreadParts
@@ -51,14 +51,13 @@ def toe_functions(kind: BlockKind) -> ToeFunctions:
     rollers = roller_functions(kind)
     toe_gaps = toe_gap_functions(kind)
     toe_links, toe_rows, link_contacts = toe_link_functions(kind), toe_row_functions(kind), link_contact_functions(kind)
-    link_ends = int(ENDS) // 2
 
     @wp.func
     def force_on_flank_end(
         state: State, tallies: Tallies, shared: Shared, mine: ThreadParts, now: Now, pin: toe_gaps.Pin, number: int
     ):
         """Force of teeth on flank end `number` (`physics.toe.ENDS`) at a pin, which keeps it."""
-        j, s, e, after = pin.pair // BITS, pin.pair % BITS, pin.outward, number < link_ends
+        j, s, e, after = pin.pair // BITS, pin.pair % BITS, pin.outward, number < LINK_ENDS
         end = link_contacts.LinkContact()
         end.number = j
         end.partner = s
@@ -72,7 +71,7 @@ def toe_functions(kind: BlockKind) -> ToeFunctions:
         end.open_speed = memory_after_teeth(end.before)
         end.pushed = access.load(state.push, chains.push_memory(shared, mine, j, end.memory))
         end.damper_speed = access.load(state.damper_speed, end.memory)
-        k, length = number % link_ends, end.link.length
+        k, length = number % LINK_ENDS, end.link.length
         depth, n, z, done = seated_toe_contact(pin.xi, pin.lateral, u, length, k, after, plate, teeth)
         if done == 0:
             depth, n, z = toe_contact(pin.xi, pin.lateral, u, length, k, after, plate, teeth)
@@ -137,7 +136,7 @@ def toe_functions(kind: BlockKind) -> ToeFunctions:
 
         Pins with such a link after them are listed in rows from `list` on, then those with one before them.
         """
-        lanes, sharing = warp_lanes(), wp.min(warp_lanes(), link_ends)
+        lanes, sharing = warp_lanes(), wp.min(warp_lanes(), LINK_ENDS)
         lane = mine.thread % lanes
         side = int(0)
         while side < 2:
@@ -155,8 +154,8 @@ def toe_functions(kind: BlockKind) -> ToeFunctions:
                 found, sum = toe_gaps.pin_of_lane(pin, owner), link_contacts.Reaction()
                 if at < count:
                     end = lane % sharing
-                    while end < link_ends:
-                        of_end = force_on_flank_end(state, tallies, shared, mine, now, found, side * link_ends + end)
+                    while end < LINK_ENDS:
+                        of_end = force_on_flank_end(state, tallies, shared, mine, now, found, side * LINK_ENDS + end)
                         sum = link_contacts.sum_of_reactions(sum, of_end)
                         end = end + sharing
                 sum = sum_of_threads(sum, now)

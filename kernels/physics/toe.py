@@ -26,8 +26,10 @@ import warp as wp
 from ..native import inverse_root, larger, products, quotient, root, smaller
 from .contact import AWAY
 
-ENDS = wp.constant(4)
-"""Flank ends at a pin: tip and beginning on the link after it, then on the link before it."""
+LINK_ENDS = wp.constant(2)
+"""Flank ends of a link at a pin: tip and beginning."""
+ENDS = wp.constant(2 * int(LINK_ENDS))
+"""Flank ends at a pin: those of the link after it, then those of the link before it."""
 LINK_ANSWER = 6.0
 """G of a flank end by the others on its two pins: twice their mobilities, three times its own (`impact`)."""
 
@@ -57,6 +59,20 @@ def arc_penetration(xi: Any, lateral: Any, gap: Any):
 
 
 @wp.func
+def toe_arcs(xi: Any, lateral: Any, u: Any, length: Any, after: bool, plate: Any):
+    """Centers of a toe's arcs, at its tip and its flank's beginning, and its link's middle [m] (`toe_contact`)."""
+    turn = wp.where(after, plate.side, -plate.side)
+    half = type(xi)(0.5) * length
+    middle_e, middle_t = xi + half * u[0], lateral + half * u[1]
+    w_e, w_t = -turn * u[1], turn * u[0]
+    tip_e = middle_e + products(plate.tip[0], u[0], plate.tip[1], w_e)
+    tip_t = middle_t + products(plate.tip[0], u[1], plate.tip[1], w_t)
+    begin_e = middle_e + products(plate.begin[0], u[0], plate.begin[1], w_e)
+    begin_t = middle_t + products(plate.begin[0], u[1], plate.begin[1], w_t)
+    return type(u)(tip_e, tip_t), type(u)(begin_e, begin_t), type(u)(middle_e, middle_t)
+
+
+@wp.func
 def toe_contact(xi: Any, lateral: Any, u: Any, length: Any, end: int, after: bool, plate: Any, gap: Any):
     """Penetration [m] of a flank's end in its tooth gap, normal, and the contact's place from the link's middle [m].
 
@@ -71,14 +87,13 @@ def toe_contact(xi: Any, lateral: Any, u: Any, length: Any, end: int, after: boo
         plate: `structs.Plate`.
         gap: `structs.Sprocket`.
     """
-    one, zero, half = type(xi)(1.0), type(xi)(0.0), type(xi)(0.5)
+    one, zero = type(xi)(1.0), type(xi)(0.0)
     turn = wp.where(after, plate.side, -plate.side)
-    middle_e, middle_t = xi + half * length * u[0], lateral + half * length * u[1]
+    tip, begin, middle = toe_arcs(xi, lateral, u, length, after, plate)
+    tip_e, tip_t = type(xi)(tip[0]), type(xi)(tip[1])
+    begin_e, begin_t = type(xi)(begin[0]), type(xi)(begin[1])
+    middle_e, middle_t = type(xi)(middle[0]), type(xi)(middle[1])
     w_e, w_t = -turn * u[1], turn * u[0]
-    tip_e = middle_e + products(plate.tip[0], u[0], plate.tip[1], w_e)
-    tip_t = middle_t + products(plate.tip[0], u[1], plate.tip[1], w_t)
-    begin_e = middle_e + products(plate.begin[0], u[0], plate.begin[1], w_e)
-    begin_t = middle_t + products(plate.begin[0], u[1], plate.begin[1], w_t)
     # a toe may be in the gap beside its pin's
     t = gap.half_pitch_tangent
     reach = t * (gap.pitch_radius + tip_e)
@@ -116,20 +131,6 @@ def toe_contact(xi: Any, lateral: Any, u: Any, length: Any, end: int, after: boo
         n_e, n_t = rotated_to_gap(n_e, n_t, cosine, -sine)
         x_e, x_t = rotated_to_gap(x_e, x_t, cosine, -sine)
     return penetration, type(u)(n_e, n_t), type(u)(x_e, x_t)
-
-
-@wp.func
-def toe_arcs(xi: Any, lateral: Any, u: Any, length: Any, after: bool, plate: Any):
-    """Centers of a toe's arcs, at its tip and its flank's beginning, and its link's middle [m] (`toe_contact`)."""
-    turn = wp.where(after, plate.side, -plate.side)
-    half = type(xi)(0.5) * length
-    middle_e, middle_t = xi + half * u[0], lateral + half * u[1]
-    w_e, w_t = -turn * u[1], turn * u[0]
-    tip_e = middle_e + products(plate.tip[0], u[0], plate.tip[1], w_e)
-    tip_t = middle_t + products(plate.tip[0], u[1], plate.tip[1], w_t)
-    begin_e = middle_e + products(plate.begin[0], u[0], plate.begin[1], w_e)
-    begin_t = middle_t + products(plate.begin[0], u[1], plate.begin[1], w_t)
-    return type(u)(tip_e, tip_t), type(u)(begin_e, begin_t), type(u)(middle_e, middle_t)
 
 
 @wp.func
